@@ -1,0 +1,27 @@
+#pragma once
+// What a scene needs, and so what is left out. Computed once per scene; it decides what is loaded, transformed, compiled into
+// the GLSL, handed to the plugin and written. An omission rests only on facts of the scene and the framework, never on what a
+// shading function ought to return: a student's mistake must show with and without it.
+
+#include <shadelab/scene.hpp>
+
+#include <string>
+#include <vector>
+
+namespace shadelab {
+
+struct Features {
+    bool term_layers = false;       ///< ambient, diffuse, specular and coverage beside the total
+    bool geometry_layers = false;   ///< id, depth, normal, position
+    bool gouraud = false;           ///< some object is shaded at its vertices
+    bool per_fragment = false;      ///< some object is shaded at its fragments
+    std::vector<int> lights;        ///< indices of the scene's lights that can add anything
+    std::vector<int> materials;     ///< indices of the materials that an object uses
+
+    std::vector<std::string> needed, left_out;  ///< one line each, for `render --explain`
+
+    /// `layers`: somebody asks for layers beside the total. `full`: leave nothing out.
+    static Features of(const Scene& scene, bool layers, bool full);
+};
+
+}  // namespace shadelab

@@ -1,0 +1,38 @@
+#pragma once
+// Triangle meshes with a unit normal at every vertex.
+
+#include <shadelab/scene.hpp>
+
+#include <glm/glm.hpp>
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace shadelab {
+
+struct Mesh {
+    std::vector<glm::vec3> positions;   ///< object space, float32: what both renderers start from
+    std::vector<glm::vec3> normals;     ///< unit, object space, one per position
+    std::vector<uint32_t> indices;      ///< three per triangle
+
+    int dropped_triangles = 0;          ///< not finite or without area: counted, never drawn
+    int cancelled_normals = 0;          ///< vertices whose face normals cancel; they got the face normals instead
+    bool opposing_normals = false;      ///< some triangle's vertex normals can interpolate to zero (hazard of sharp edges)
+    std::vector<std::string> notes;     ///< what the loader ignored or replaced, one line each
+
+    size_t triangle_count() const { return indices.size() / 3; }
+};
+
+/// Loads a Wavefront OBJ: polygons are triangulated, negative indices resolved, groups merged, materials ignored with a note.
+///
+/// Normals::smooth: the average of the adjacent face normals weighted by the angle that each face spans at the vertex
+/// (Thuermer & Wuethrich 1998). By angle and not by area, so that cutting a quad into triangles differently, or refining one
+/// face, does not tilt the normal. Normals::flat: the face normal (three vertices of its own per triangle). Normals::file: the
+/// file's, or smooth ones with a note where the file has none. Where a vertex's normals cancel, each face keeps its own.
+///
+/// Throws InputError (`where` says who asked for the file, for the message when it is absent).
+Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::string& where = "");
+
+}  // namespace shadelab

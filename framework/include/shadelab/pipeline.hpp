@@ -1,0 +1,108 @@
+#pragma once
+// The whole machine on one screen. A frame passes through the types below in the order in which they stand:
+//
+//   Mesh ──1──► VertexStream ──2──► ScreenTriangle ──3──► bins ──4──► VisibilityTile ──5──► FragmentBatch ──6──► Film
+//
+//   1  vertices are transformed to clip space (and to world space, for shading)
+//   2  triangles are clipped and projected onto an 8-bit sub-pixel grid
+//   3  each is listed in the 64 x 64 tiles that it touches
+//   4  per tile, the nearest triangle of every sample is found: visibility first
+//   5  only what is visible is interpolated, in batches of one material (structure of arrays)
+//   6  the student's function shades a batch, one light at a time: I(a + b) = I(a) + I(b)
+//
+// Conventions are OpenGL's: clip space with z in [-w, w], window y upwards, pixel centres at half-integers, depth in [0, 1],
+// nearer is smaller. Only Film counts rows from the top. Coverage is decided in integers, so that two triangles that share an
+// edge never both cover a sample or both miss it; a sample exactly on an edge belongs to the triangle whose left or bottom edge
+// it is, which is what llvmpipe does. `Real` is float, or double for the reference; coverage is the same in both.
+
+#include <shadelab/features.hpp>
+#include <shadelab/film.hpp>
+#include <shadelab/mesh.hpp>
+#include <shadelab/plugin.hpp>
+
+#include <glm/glm.hpp>
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace shadelab {
+
+inline constexpr int tile_size = 64;
+inline constexpr int subpixel_bits = 8;
+inline constexpr uint32_t no_triangle = 0xffffffff;
+
+/// After stage 1: one object's vertices. `clip` is always float32 (coverage must not depend on Real); the rest feeds shading.
+template <class Real>
+struct VertexStream {
+    std::vector<glm::vec4> clip;
+    std::vector<glm::vec<4, Real>> homogeneous;  ///< clip position for interpolation: x and y scaled to pixels, then z, w
+    std::vector<glm::vec<3, Real>> position;     ///< world
+    std::vector<glm::vec<3, Real>> normal;       ///< unit, world
+    std::vector<std::array<Real, 12>> colour;    ///< Gouraud objects only: total, ambient, diffuse, specular at the vertex
+};
+
+/// After stage 2. x and y in 1/256 pixel, relative to the centre of the bottom-left pixel; z is window depth.
+struct ScreenVertex {
+    int32_t x, y;
+    float z;
+};
+struct ScreenTriangle {
+    ScreenVertex vertex[3];
+    uint32_t triangle;  ///< number of the mesh triangle that it is (a part of), counted over all objects of the scene
+};
+
+/// Stage 4's result: for every sample of a tile the depth and the number of the nearest triangle. A struct of plain arrays,
+/// one plane per sample, so that the inner loop runs over eight pixels of a row at a time.
+struct VisibilityTile {
+    std::vector<float> depth;        ///< samples x 64 x 64
+    std::vector<uint32_t> triangle;  ///< the same; no_triangle where nothing is
+};
+
+/// Stage 5's result: what the student's function takes. All fragments of a batch belong to one object.
+template <class Real>
+struct FragmentBatch {
+    static constexpr int capacity = 1024;
+    int count = 0;
+    int pixel[capacity];          ///< index into the film
+    float weight[capacity];       ///< share of the pixel's samples that it covers
+    uint32_t triangle[capacity];
+    alignas(64) Real in[9][capacity];    ///< n.xyz, x.xyz, v.xyz
+    alignas(64) Real out[12][capacity];  ///< total, ambient, diffuse, specular
+};
+
+/// Offsets of the samples from the pixel's centre in 1/256 pixel. 1, 2 and 4 as OpenGL implementations place them.
+const std::vector<glm::ivec2>& sample_positions(int samples);
+
+/// Clips against near, far and a guard band (beyond it the fixed-point grid ends) and projects; 0 to 7 triangles.
+/// Exposed for tests; draw() calls it for the few triangles that need it.
+void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t triangle, std::vector<ScreenTriangle>& out);
+/// The projection alone, for a vertex inside the frustum.
+ScreenVertex project(glm::vec4 clip, int width, int height);
+/// Stage 4 for one triangle; `origin` is the tile's bottom-left pixel.
+void rasterize(const ScreenTriangle& triangle, glm::ivec2 origin, int samples, VisibilityTile& tile);
+
+/// Where a value that is not finite first stood (topmost, then leftmost pixel), and what went into it.
+struct NotFinite {
+    int x, y;
+    std::string material, model;
+    glm::dvec3 n, position, v, value;
+};
+
+struct DrawStatistics {
+    int64_t triangles = 0, clipped_triangles = 0, not_finite_vertices = 0;
+    int64_t fragments = 0;            ///< shaded
+    int64_t fallback_normals = 0;     ///< interpolated normals that cancelled and became the face normal
+    int64_t not_finite_pixels = 0;
+    std::optional<NotFinite> first_not_finite;
+    double vertex_ms = 0, bin_ms = 0, tile_ms = 0;
+};
+
+/// Draws the scene. `meshes` holds one mesh per object; `supersample` scales the resolution (the caller averages the film).
+template <class Real>
+DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
+                    const plugin::Table<Real>& plugin, Film& film);
+
+}  // namespace shadelab

@@ -1,0 +1,48 @@
+#pragma once
+// The binary interface between the prebuilt renderer and a plugin: the shared library made of one student's shading.cpp and
+// the generated glue. Only plain arrays of Real cross it (float or double, as the plugin was compiled), so neither side needs
+// the other's types. Structs travel as their members, flattened in the order of the manifest.
+
+#include <cstdint>
+
+namespace shadelab::plugin {
+
+inline constexpr int abi_version = 1;
+inline constexpr int light_kinds = 3;
+inline constexpr const char* symbol = "shadelab_plugin";
+
+/// One batch of fragments, structure of arrays. `in`: n.xyz, x.xyz (world position), v.xyz. `out`: total.rgb and, when
+/// `layers` is set, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
+template <class Real>
+struct Batch {
+    int count;
+    bool layers;
+    const Real* in[9];
+    Real* out[12];
+};
+
+template <class Real>
+struct Model {
+    const char* name;
+    /// One entry per light kind (0 point, 1 directional, 2 spot), so that no branch on the kind stands in the loop.
+    void (*shade[light_kinds])(const Batch<Real>& batch, const Real* material, const Real* light);
+};
+
+template <class Real>
+struct Function {
+    const char* name;
+    int columns_in, columns_out;
+    /// Evaluates `count` rows: row-major, columns as declared in the manifest; ints travel as whole Reals.
+    void (*evaluate)(std::int64_t count, const Real* in, Real* out);
+};
+
+template <class Real>
+struct Table {
+    int version;
+    int real_size;  ///< sizeof(Real); checked before anything else is read
+    int model_count, function_count;
+    const Model<Real>* models;
+    const Function<Real>* functions;
+};
+
+}  // namespace shadelab::plugin

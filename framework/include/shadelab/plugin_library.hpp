@@ -1,0 +1,27 @@
+#pragma once
+
+#include <shadelab/plugin.hpp>
+
+#include <filesystem>
+#include <memory>
+
+namespace shadelab {
+
+/// A loaded plugin. The table lives as long as this object.
+class PluginLibrary {
+public:
+    /// Throws InfrastructureError when the file is not a plugin of this version.
+    explicit PluginLibrary(const std::filesystem::path& file);
+    ~PluginLibrary();
+    PluginLibrary(const PluginLibrary&) = delete;
+
+    bool is_double() const;
+    template <class Real>
+    const plugin::Table<Real>& table() const;
+
+private:
+    void* handle_;
+    const void* table_;
+};
+
+}  // namespace shadelab

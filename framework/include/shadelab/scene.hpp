@@ -1,0 +1,69 @@
+#pragma once
+// A scene as its file describes it: units and conventions of the file resolved (angles in radians, paths absolute, unit
+// directions), every value checked, nothing loaded yet.
+
+#include <shadelab/manifest.hpp>
+
+#include <glm/glm.hpp>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace shadelab {
+
+enum class LightKind { point = 0, directional = 1, spot = 2 };
+enum class Normals { smooth, flat, file };
+enum class Interpolation { phong, gouraud };
+
+struct FilmSettings {
+    int width = 512, height = 512;
+    int samples = 1;              ///< coverage and depth samples per pixel; shading stays once per pixel and triangle
+    glm::dvec3 background{0};     ///< linear RGB
+};
+
+struct Camera {
+    glm::dvec3 eye, target, up;
+    double fov_y;                 ///< radians
+    double near, far;
+
+    glm::dmat4 world_to_clip(double aspect) const;
+};
+
+struct Light {
+    LightKind kind;
+    glm::dvec3 position{0}, direction{0, -1, 0};  ///< direction: unit, the way the light travels
+    glm::dvec3 intensity{0}, attenuation{1, 0, 0};
+    double hotspot = 0, falloff = 0;              ///< half-angles, radians
+
+    /// The members in the order of the Light struct of interface.toml, as plugins and shaders take them.
+    std::vector<double> flatten() const;
+};
+
+struct Material {
+    std::string name, model;
+    std::vector<double> parameters;  ///< the members of the model's struct, flattened in the manifest's order
+};
+
+struct Object {
+    std::filesystem::path mesh;
+    std::string mesh_where;          ///< "file:line: object[0].mesh", for errors about the mesh file
+    int material;
+    Normals normals = Normals::smooth;
+    Interpolation interpolation = Interpolation::phong;
+    glm::dmat4 to_world{1};          ///< translate * rotate * scale
+};
+
+struct Scene {
+    std::filesystem::path file;
+    FilmSettings film;
+    Camera camera;
+    std::vector<Light> lights;
+    std::vector<Material> materials;
+    std::vector<Object> objects;
+};
+
+/// Throws InputError naming file, line and key.
+Scene load_scene(const std::filesystem::path& file, const Manifest& manifest);
+
+}  // namespace shadelab

@@ -1,0 +1,84 @@
+// The Phong model: what you write in C++. shading.glsl asks for the same functions in GLSL, and the two read almost alike.
+//
+// Everywhere: n, l and v are unit vectors that point AWAY from the surface (n the normal, l towards the light, v towards the
+// viewer). Colours are linear. A dot product that is negative means "from below": clamp it at 0.
+#include <shadelab/shading.hpp>
+
+// The mirror direction r of l about n.
+//   l, n    unit, away from the surface
+//   result  unit, away from the surface; n lies halfway between l and r
+//   slide   "Ideal specular reflectance: how to compute the mirror direction"
+vec3 mirror_direction(vec3 l, vec3 n) {
+    // STUDENT BEGIN: twice the part of l along n, minus l
+    return 2.0 * dot(n, l) * n - l;
+    // STUDENT END: return vec3(0.0);
+}
+
+// The half vector h: the normal that a tiny mirror would need to reflect l into v.
+//   l, v    unit, away from the surface
+//   result  unit; vec3(0) when l and v are exactly opposite
+//   slide   "Blinn-Torrance variation of Phong: the half-vector"
+vec3 half_vector(vec3 l, vec3 v) {
+    // STUDENT BEGIN: the unit vector halfway between l and v
+    vec3 sum = l + v;
+    if (dot(sum, sum) == 0.0) return vec3(0.0);
+    return normalize(sum);
+    // STUDENT END: return vec3(0.0);
+}
+
+// Phong's specular lobe: how much of the mirrored light goes towards v.
+//   n, l, v  unit, away from the surface
+//   q        exponent, >= 0: the larger, the smaller and sharper the highlight
+//   result   (v.r)^q with r the mirror direction, v.r clamped at 0; 0 unless n.l > 0 (a light below the surface gives no
+//            highlight); 1 for q = 0 even where v.r = 0
+//   slide    "The Phong model: specular term"
+Real phong_lobe(vec3 n, vec3 l, vec3 v, Real q) {
+    // STUDENT BEGIN: first ask whether the light is above the surface; then raise the clamped cosine to q
+    if (dot(n, l) <= 0.0) return 0.0;
+    // As on the slide: pow(max(dot(v, r), 0.0), q). Near the peak the cosine is 1 - d^2/2, of which float32 keeps few digits;
+    // the distance d between v and r keeps them all, and log1p takes it as it is.
+    vec3 d = v - mirror_direction(l, n);
+    Real x = 0.5 * dot(d, d);
+    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;
+    return exp(q * log1p(-x));
+    // STUDENT END: return 0.0;
+}
+
+// The half-vector lobe (Blinn, after Torrance): large where h comes close to n.
+//   n, l, v  unit, away from the surface
+//   q        exponent, >= 0
+//   result   (n.h)^q, n.h clamped at 0; 0 unless n.l > 0; 1 for q = 0 even where n.h = 0
+//   slide    "Blinn-Torrance variation of Phong"
+Real blinn_lobe(vec3 n, vec3 l, vec3 v, Real q) {
+    // STUDENT BEGIN: as phong_lobe, with the cosine between n and the half vector
+    if (dot(n, l) <= 0.0) return 0.0;
+    // As on the slide: pow(max(dot(n, h), 0.0), q). The stable form as in phong_lobe.
+    vec3 d = n - half_vector(l, v);
+    Real x = 0.5 * dot(d, d);
+    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;
+    return exp(q * log1p(-x));
+    // STUDENT END: return 0.0;
+}
+
+// The complete Phong model, as the lecture gives it.
+//   m        ka, kd, ks: ambient, diffuse and specular colour; q: exponent
+//   n, l, v  unit, away from the surface
+//   result   ambient  ka, always (also for a light below the surface)
+//            diffuse  kd n.l, clamped at 0
+//            specular ks times phong_lobe; no cosine, as in the lecture
+//            The framework multiplies each by the light that arrives and adds up the lights.
+//   slide    "The complete Phong model"
+Terms phong(Phong m, vec3 n, vec3 l, vec3 v) {
+    // STUDENT BEGIN: three terms; phong_lobe does the hard part
+    return Terms(m.ka, m.kd * max(dot(n, l), 0.0), m.ks * phong_lobe(n, l, v, m.q));
+    // STUDENT END: return Terms(vec3(0.0), 0.5 * m.kd, vec3(0.0));
+}
+
+// The same model with the half-vector lobe.
+//   m, n, l, v, result  as for phong, with blinn_lobe in the place of phong_lobe
+//   slide               "Blinn-Torrance variation of Phong"
+Terms blinn_phong(Phong m, vec3 n, vec3 l, vec3 v) {
+    // STUDENT BEGIN: as phong, with the other lobe
+    return Terms(m.ka, m.kd * max(dot(n, l), 0.0), m.ks * blinn_lobe(n, l, v, m.q));
+    // STUDENT END: return Terms(vec3(0.0), 0.5 * m.kd, vec3(0.0));
+}
