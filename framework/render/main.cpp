@@ -137,6 +137,28 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
         write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, options.output, options.exposure);
 }
 
+/// Reads what write_film wrote as .npy (height x width x channels, float32): the way back for images of an OpenGL client.
+Film read_npy(const std::string& file) {
+    std::ifstream in(file, std::ios::binary);
+    std::string header(10, ' ');
+    in.read(header.data(), 10);
+    header.resize(10 + (uint8_t(header[8]) | uint8_t(header[9]) << 8));
+    in.read(header.data() + 10, std::streamsize(header.size() - 10));
+    int height = 0, width = 0, channels = 0;
+    const size_t shape = header.find("'shape': (");
+    if (!in || shape == std::string::npos || header.find("'<f4'") == std::string::npos ||
+        std::sscanf(header.c_str() + shape, "'shape': (%d, %d, %d)", &height, &width, &channels) != 3)
+        throw InputError(file + ": is not an image as .npy (height x width x channels, float32)");
+    Features features;
+    features.term_layers = features.geometry_layers = channels > 3;
+    Film film(width, height, features, glm::dvec3(0));
+    if (film.channel_count() != channels) throw InputError(file + ": has " + std::to_string(channels) + " channels, not 3 or all layers");
+    for (size_t i = 0; i < size_t(width) * height; ++i)
+        for (Layer& layer : film.layers) in.read(reinterpret_cast<char*>(layer.pixel(i)), std::streamsize(sizeof(float) * layer.channels));
+    if (!in) throw InputError(file + ": ends before its last pixel");
+    return film;
+}
+
 template <class Real>
 void evaluate(const Options& options, const PluginLibrary& library) {
     const plugin::Table<Real>& table = library.table<Real>();
@@ -184,6 +206,10 @@ int main(int argc, char** argv) {
     image->add_option("--exposure", options.exposure, "PNG only: times 2^EXPOSURE");
     image->add_option("--threads", options.threads, "number of threads (default: all cores)")->check(CLI::Range(1, 1024));
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
+    CLI::App* convert = app.add_subcommand("convert", "write an image that is an .npy file as .png or .exr");
+    convert->add_option("input", options.input, "image (.npy)")->required();
+    convert->add_option("-o,--output", options.output, "FILE.png, .exr or .npy")->required();
+    convert->add_option("--exposure", options.exposure, "PNG only: times 2^EXPOSURE");
     CLI::App* packet = app.add_subcommand("packet", "write the frame packet of a scene for an OpenGL client");
     add_scene_options(packet);
     packet->add_option("-o,--output", options.output, "packet file")->required();
@@ -201,6 +227,8 @@ int main(int argc, char** argv) {
     try {
         if (*glue) {
             write_glue(load_manifest(options.assignment, options.interface()), options.include_folder(), options.output);
+        } else if (*convert) {
+            write_film(read_npy(options.input), options.output, options.exposure);
         } else if (*evaluation) {
             const PluginLibrary library(options.plugin);
             library.is_double() ? evaluate<double>(options, library) : evaluate<float>(options, library);

@@ -90,9 +90,9 @@ std::string read_text(const std::filesystem::path& file) {
 }  // namespace
 
 std::string cpp_assignment_header(const Manifest& manifest) {
-    std::string out = "#pragma once\n// Generated from assignment.toml. <shadelab/shading.hpp> includes it.\n\nnamespace shadelab {\n\n";
+    std::string out = "#pragma once\n// Generated from assignment.toml. <shadelab/shading.hpp> includes it.\n\nnamespace shadelab::glsl {\n\n";
     for (const Struct& s : manifest.structs) out += struct_text(s);
-    out += "\n}  // namespace shadelab\n\nusing namespace shadelab;\n";
+    out += "\n}  // namespace shadelab::glsl\n";
     for (const Manifest& earlier : manifest.given) {
         // In a namespace of their own, so that a helper of theirs never clashes with one of the student's.
         out += "\n// Given: the functions of the assignment \"" + earlier.name + "\".\nnamespace given {\n";
@@ -137,7 +137,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                     << "    for (int i = 0; i < count; ++i) {\n"
                     << "        const vec3 n(nx[i], ny[i], nz[i]), x(xx[i], xy[i], xz[i]), v(vx[i], vy[i], vz[i]);\n"
                     << "        const Incident incident = incident_light(light, x);\n"
-                    << "        const Terms terms = " << call_model(model) << ";\n";
+                    // Not const: GCC 12 would leave the whole loop scalar.
+                    << "        Terms terms = " << call_model(model) << ";\n";
                 for (const std::string& term : terms) out << "        const vec3 " << term << " = terms." << term << " * incident.e;\n";
                 out << "        const vec3 total = (ambient + diffuse) + specular;\n"
                     << "        tr[i] += total.x; tg[i] += total.y; tb[i] += total.z;\n";

@@ -19,18 +19,6 @@ struct Corner {
     int position, normal;  ///< indices into the file's v and vn; normal is -1 where the file gives none
 };
 
-/// The line of the n-th `f` statement (from 0), for messages: the loader does not keep it.
-int line_of_face(const std::filesystem::path& file, size_t face) {
-    std::ifstream in(file);
-    std::string line;
-    for (int number = 1; std::getline(in, line); ++number) {
-        const size_t start = line.find_first_not_of(" \t");
-        if (start == std::string::npos || line.compare(start, 2, "f ") != 0) continue;
-        if (face-- == 0) return number;
-    }
-    return 0;
-}
-
 std::string one_line(std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');
     while (!text.empty() && text.back() == ' ') text.pop_back();
@@ -41,13 +29,73 @@ struct ObjFile {
     std::vector<glm::dvec3> positions, normals;
     std::vector<Corner> corners;  ///< three per triangle
     std::vector<std::string> notes;
+    int thin_faces = 0;           ///< faces of fewer than three vertices
 };
+
+/// What the loader passes over in silence: it reads "nan", "inf" and words as 0 and leaves out polygons whose indices do not
+/// exist. Read here line by line, so that messages can name the line.
+struct CheckedStatements {
+    std::vector<size_t> not_finite;  ///< vertices, counted from 0
+    int thin_faces = 0;
+};
+
+CheckedStatements check_statements(std::istream& in, const std::string& file) {
+    CheckedStatements out;
+    struct Face {
+        int line;
+        std::string text;
+        long positions, normals;  ///< how many stood above it: negative indices count from here
+    };
+    std::vector<Face> faces;
+    long positions = 0, normals = 0;
+    std::string line;
+    for (int number = 1; std::getline(in, line); ++number) {
+        const char* at = line.c_str() + std::min(line.find_first_not_of(" \t"), line.size());
+        const auto starts = [&](const char* word, size_t n) { return line.compare(size_t(at - line.c_str()), n, word) == 0 && (at[n] == ' ' || at[n] == '\t'); };
+        if (starts("f", 1)) {
+            faces.push_back({number, at + 2, positions, normals});
+        } else if (starts("vn", 2)) {
+            ++normals;
+        } else if (starts("v", 1)) {
+            bool finite = true;
+            at += 2;
+            for (int k = 0; k < 3; ++k) {
+                char* end;
+                finite &= std::isfinite(std::strtod(at, &end));
+                if (end == at) throw InputError(file + ":" + std::to_string(number) + ": a vertex takes three numbers");
+                at = end;
+            }
+            if (!finite) out.not_finite.push_back(size_t(positions));
+            ++positions;
+        }
+    }
+    for (const Face& face : faces) {
+        std::istringstream words(face.text);
+        int corners = 0;
+        for (std::string word; words >> word && word[0] != '#'; ++corners) {
+            const size_t slash = word.rfind('/');
+            const bool has_normal = std::count(word.begin(), word.end(), '/') == 2 && slash + 1 < word.size();
+            const long p = std::strtol(word.c_str(), nullptr, 10), n = has_normal ? std::strtol(word.c_str() + slash + 1, nullptr, 10) : 1;
+            const auto fail = [&](const char* what, long index, long there) {
+                throw InputError(file + ":" + std::to_string(face.line) + ": the face refers to " + what + " " + std::to_string(index) +
+                                 ", but the file has " + std::to_string(there) + (index == 0 ? "; they are counted from 1" : ""));
+            };
+            if (p == 0 || p > positions || -p > face.positions) fail("vertex", p, positions);
+            if (has_normal && (n == 0 || n > normals || -n > face.normals)) fail("normal", n, normals);
+        }
+        out.thin_faces += corners < 3;
+    }
+    return out;
+}
 
 ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
     std::ifstream in(file);
     if (!in || std::filesystem::is_directory(file))
         throw InputError((where.empty() ? "" : where + ": ") + "the mesh " + file.string() +
                          " cannot be read; does the file exist? (./shadelab doctor says which meshes are there)");
+    const CheckedStatements checked = check_statements(in, file.string());
+    in.clear();
+    in.seekg(0);
     // Material libraries are not even opened: the scene file gives the materials.
     struct IgnoreMaterials : tinyobj::MaterialReader {
         bool seen = false;
@@ -70,43 +118,10 @@ ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
     const auto& vn = attributes.normals;
     for (size_t i = 0; i + 2 < v.size(); i += 3) obj.positions.emplace_back(v[i], v[i + 1], v[i + 2]);
     for (size_t i = 0; i + 2 < vn.size(); i += 3) obj.normals.emplace_back(vn[i], vn[i + 1], vn[i + 2]);
+    for (const size_t vertex : checked.not_finite) obj.positions.at(vertex) = glm::dvec3(std::nan(""));
+    obj.thin_faces = checked.thin_faces;
     for (const tinyobj::shape_t& shape : shapes)
-        for (const tinyobj::index_t& index : shape.mesh.indices) {
-            const bool bad_position = index.vertex_index < 0 || size_t(index.vertex_index) >= obj.positions.size();
-            const bool bad_normal = index.normal_index >= 0 && size_t(index.normal_index) >= obj.normals.size();
-            if (bad_position || bad_normal) {
-                std::ifstream again(file);
-                std::string line;
-                size_t face = 0;
-                int number = 0;
-                // Relative and absolute indices are checked again statement by statement, to name the line.
-                size_t positions = 0, normals = 0;
-                while (std::getline(again, line)) {
-                    ++number;
-                    std::istringstream words(line);
-                    std::string word;
-                    words >> word;
-                    positions += word == "v";
-                    normals += word == "vn";
-                    if (word != "f") continue;
-                    ++face;
-                    while (words >> word) {
-                        const long p = std::strtol(word.c_str(), nullptr, 10);
-                        const size_t slash = word.rfind('/');
-                        const bool has_normal = std::count(word.begin(), word.end(), '/') == 2;
-                        const long n = has_normal ? std::strtol(word.c_str() + slash + 1, nullptr, 10) : 0;
-                        const bool p_bad = p == 0 || p > long(obj.positions.size()) || -p > long(positions);
-                        const bool n_bad = n > long(obj.normals.size()) || -n > long(normals);
-                        if (p_bad || n_bad)
-                            throw InputError(file.string() + ":" + std::to_string(number) + ": the face refers to " +
-                                             (p_bad ? "vertex " + std::to_string(p) : "normal " + std::to_string(n)) + ", but the file has " +
-                                             std::to_string(p_bad ? obj.positions.size() : obj.normals.size()));
-                    }
-                }
-                throw InputError(file.string() + ":" + std::to_string(line_of_face(file, 0)) + ": a face refers to a vertex that is not there");
-            }
-            obj.corners.push_back({index.vertex_index, index.normal_index});
-        }
+        for (const tinyobj::index_t& index : shape.mesh.indices) obj.corners.push_back({index.vertex_index, index.normal_index});
     if (obj.corners.empty()) throw InputError(file.string() + ": holds no faces");
     if (materials_reader.seen) obj.notes.push_back(file.filename().string() + ": materials (mtllib) ignored; the scene file gives them");
     return obj;
@@ -158,6 +173,7 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
     ObjFile obj = read_obj(file, where);
     Mesh mesh;
     mesh.notes = obj.notes;
+    mesh.dropped_triangles = obj.thin_faces;
     drop_degenerate(obj, mesh.dropped_triangles);
     if (mesh.dropped_triangles > 0)
         mesh.notes.push_back(file.filename().string() + ": " + std::to_string(mesh.dropped_triangles) +

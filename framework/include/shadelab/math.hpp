@@ -12,8 +12,8 @@
 //     expm1              2e-7      also near 0
 //     log2, log1p        2.5e-7    also near 1 and near 0
 //     pow(x, y)          2e-6      for any exponent to 1e6, of the x it is given, while the result is in [1e-3, 1]
-// pow's error grows with |log2(result)|: 2e-5 at the ends of float's range. The rounding error that x comes with is not
-// in these figures, and at y = 1e6 it weighs far more: where x is 1 - d, exp(y * log1p(-d)) does not have it.
+// pow's error grows with |log2(result)|: 2.5e-5 at the ends of float's range. The rounding error that x comes with is
+// not in these figures, and at y = 1e6 it weighs far more: where x is 1 - d, exp(y * log1p(-d)) does not have it.
 //
 // Special values follow IEEE 754 and C, with these simplifications, most of which GPUs share:
 //     subnormal numbers count as 0, as arguments (of log, log2 and pow) and as results (of exp, exp2 and pow);

@@ -1,0 +1,165 @@
+"""From a student's shading.cpp to a plugin, and from a compiler's words to lines that a student can act on."""
+
+import hashlib
+import os
+import re
+import shutil
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from shadelab.errors import InfrastructureError
+from shadelab.manifest import Assignment
+from shadelab.paths import FRAMEWORK, RENDER, STATE
+from shadelab.sandbox import Limits, Sandbox
+
+COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
+MAX_LINES = 5  # of one error
+
+# No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
+_common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
+           "-fvisibility=hidden", "-Wl,-z,defs", "-fmax-errors=3", "-fno-diagnostics-show-option"]  # fmt: skip
+_float = ["-O3", "-fsingle-precision-constant"]
+_double = ["-O2", "-DSHADELAB_REAL=double"]
+
+
+@dataclass
+class Plugin:
+    file: Path
+    double: bool
+
+
+@dataclass
+class BuildError(Exception):
+    """The student's code does not compile. `message` names the student's own file and line."""
+
+    message: str
+
+
+@cache
+def _architecture() -> list[str]:
+    """Plugins are built where they run, so they may use what this processor has. It changes the speed and no bit."""
+    try:
+        flags = set(re.search(r"^flags\s*:(.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE).group(1).split())
+    except (OSError, AttributeError):
+        return []
+    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
+        return ["-march=x86-64-v4"]
+    if {"avx2", "fma", "bmi2"} <= flags:
+        return ["-march=x86-64-v3"]
+    return []
+
+
+@cache
+def glue_folder(directory: Path) -> Path:
+    """The generated code of an assignment, made anew when its manifests, the framework's headers or the generator changed."""
+    sources = [RENDER, FRAMEWORK / "interface.toml", *sorted((FRAMEWORK / "include" / "shadelab").iterdir())]
+    sources += sorted(directory.parent.glob("*/assignment.toml")) + sorted(directory.parent.glob("*/shading.*"))
+    digest = hashlib.sha256(str(directory).encode())
+    for source in sources:
+        # An assignment's own shading files are no part of its glue; those of the given ones are.
+        if source.parent != directory or source.suffix == ".toml":
+            digest.update(source.read_bytes())
+    folder = STATE / "glue" / f"{directory.name}-{digest.hexdigest()[:16]}"
+    if not (folder / "done").exists():
+        shutil.rmtree(folder, ignore_errors=True)
+        outcome = Sandbox(STATE / "glue").run([str(RENDER), "glue", str(directory), str(folder)])
+        if not outcome.ok:
+            raise InfrastructureError(f"glue: {outcome.stderr.strip() or outcome.explain(Limits())}")
+        (folder / "done").touch()
+    return folder
+
+
+def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False) -> Plugin:
+    """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once."""
+    glue = glue_folder(assignment.directory)
+    flags = [*_common, *(_double if double else [*_float, *_architecture()])]
+    digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
+    cached = STATE / "plugins" / f"{digest}.so"
+    if cached.exists():
+        os.utime(cached)
+        return Plugin(cached, double)
+    work = sandbox.folder / ("build-double" if double else "build")
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    shutil.copy(source, work / "shading.cpp")
+    shutil.copy(glue / "glue.cpp", work / "glue.cpp")
+    command = ["g++", *flags, f"-I{FRAMEWORK / 'include'}", f"-I{glue}", "glue.cpp", "-o", "plugin.so"]
+    outcome = sandbox.run(command, COMPILE_LIMITS, cwd=work)
+    if not outcome.ok:
+        raise BuildError(readable_errors(outcome.stderr) or f"the compiler {outcome.explain(COMPILE_LIMITS)}")
+    cached.parent.mkdir(parents=True, exist_ok=True)
+    temporary = cached.with_suffix(f".{os.getpid()}")
+    shutil.copy(work / "plugin.so", temporary)
+    os.replace(temporary, cached)
+    return Plugin(cached, double)
+
+
+# ------------------------------------------------------------------------------------------------- C++ messages
+
+_located = re.compile(r"^(?P<file>[^\s:][^:]*):(?P<line>\d+):(?P<column>\d+): (?P<kind>fatal error|error|note|warning): (?P<text>.*)$")
+_required = re.compile(r"^(?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+):\s+required from here")
+_undefined = re.compile(r"(?:undefined reference to|undefined symbol) [`'](?P<name>[^'(]+)")
+_vec = re.compile(r"(?:shadelab::)?(?:glm::)?vec<(\d), (?:Real|float|double)(?:, (?:\(glm::qualifier\)0|glm::\w+))?>")
+
+
+def _plain(text: str) -> str:
+    """Types as students write them."""
+    text = _vec.sub(r"vec\1", text)
+    text = re.sub(r"\{aka ['‘][^'’]*['’]\}", "", text)
+    text = re.sub(r"['‘](?:shadelab::)?(\w+)['’] \{aka [^}]*\}", r"'\1'", text)
+    return text.replace("shadelab::", "").replace("‘", "'").replace("’", "'").replace("  ", " ")
+
+
+def readable_errors(stderr: str) -> str:
+    """At most MAX_LINES lines for each of the first errors, all in terms of the student's file."""
+    lines = stderr.splitlines()
+    out: list[str] = []
+    called_from: str | None = None
+    index = 0
+    while index < len(lines):
+        line = lines[index]
+        index += 1
+        if required := _required.match(line):
+            called_from = f"shading.cpp:{required['line']}:{required['column']}"
+            continue
+        found = _located.match(line)
+        if not found or "error" not in found["kind"]:
+            continue
+        own = Path(found["file"]).name == "shading.cpp" and "/" not in found["file"].removeprefix("./")
+        where = f"shading.cpp:{found['line']}:{found['column']}" if own else called_from
+        excerpt = []
+        while own and index < len(lines) and re.match(r"^\s+\d* \|", lines[index]) and len(excerpt) < MAX_LINES - 1:
+            excerpt.append(lines[index].rstrip())
+            index += 1
+        called_from = None
+        if where is None:
+            # An error outside of the student's file that names no line of it: a missing or differently declared function.
+            where = "shading.cpp"
+        out.append("\n".join([f"{where}: {_plain(found['text'])}", *[e for e in excerpt if e.strip(" |")]]))
+    for name in dict.fromkeys(_plain(m["name"]) for m in _undefined.finditer(stderr)):
+        out.append(f"shading.cpp: the function {name} is missing, or its arguments differ from the declared ones")
+    return "\n".join(out[:3])
+
+
+# ------------------------------------------------------------------------------------------------ GLSL messages
+
+_glsl = re.compile(r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?P<kind>error|warning): (?P<text>.*)$")
+
+
+def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
+    """The driver's messages with the student's file and line; of lines outside it, what they mean for the student."""
+    out = []
+    for line in message.splitlines():
+        found = _glsl.match(line)
+        if found and found["kind"] == "error":
+            if int(found["line"]) < prelude_line:
+                out.append(f"shading.glsl:{found['line']}:{found['column']}: {found['text']}")
+            else:
+                out.append(f"shading.glsl: {found['text']} (noticed outside of the file: is a brace, a comment or an #if left open, or a function missing?)")
+        elif "unresolved reference to function" in line:
+            name = line.split("`")[-1].rstrip("'")
+            out.append(f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones")
+    own = [line for line in out if not line.startswith("shading.glsl: ")]
+    words = [line for line in message.splitlines() if line.strip(" =\n")]
+    return "\n".join(dict.fromkeys((own or out)[:3])) or "\n".join(words[:MAX_LINES])

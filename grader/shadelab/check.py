@@ -1,0 +1,84 @@
+"""check: grades the grader. Every declared mistake must lose points, in exactly the checks that involve its function; every
+correct variant and the solution must lose none; the starter must stay at or below 15 %."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from shadelab.grade import BACKENDS, grade, plan_checks
+from shadelab.manifest import Assignment, Function, read_toml
+from shadelab.mistakes import Change, callers, load_changes, write_submission
+from shadelab.paths import STARTER, STATE
+from shadelab.result import Result
+
+STARTER_LIMIT = 0.15
+
+
+@dataclass
+class Row:
+    """One graded submission of the matrix."""
+
+    name: str
+    kind: str  # solution | starter | mistake | variant
+    lost: dict[str, float]  # backend -> points lost
+    failed: dict[str, list[str]]  # backend -> ids of the failed checks
+    faults: list[str] = field(default_factory=list)  # why the grader misses here; empty when all is well
+
+
+def involved(assignment: Assignment, functions: set[str]) -> set[str]:
+    """The ids of the checks that these functions can make fail: their own, their callers' and their scenes'."""
+    affected = callers(assignment, functions)
+    out = set()
+    for backend, plans in plan_checks(assignment, "*").items():
+        for plan in plans:
+            if isinstance(plan.item, Function):
+                hit = plan.item.name in affected
+            else:
+                models = {m["model"] for m in read_toml(plan.item.file).get("material", {}).values()}
+                hit = bool(models & affected)
+            if hit:
+                out.add(plan.id)
+    return out
+
+
+def check(assignment: Assignment, progress: Callable[[str, int, int], None]) -> list[Row]:
+    changes = load_changes(assignment)
+    subjects: list[tuple[str, str, Change | None]] = [("solution", "solution", None), ("starter", "starter", None)]
+    subjects += [(m.id, "mistake", m) for m in changes.mistake] + [(v.id, "variant", v) for v in changes.variant]
+    rows = []
+    (STATE / "work").mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix="check-", dir=STATE / "work"))
+    try:
+        for index, (name, kind, change) in enumerate(subjects):
+            progress(f"{assignment.name}: {name}", index, len(subjects))
+            folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
+            if change is not None:
+                write_submission(assignment, change, folder)
+            rows.append(_judge(assignment, name, kind, change, grade(assignment, folder).result))
+        progress(assignment.name, len(subjects), len(subjects))
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return rows
+
+
+def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, result: Result) -> Row:
+    lost = {b: sum(c.max_score - c.score for c in result.checks if c.backend == b) for b in BACKENDS}
+    failed = {b: [c.id for c in result.checks if c.backend == b and c.status == "failed"] for b in BACKENDS}
+    row = Row(name, kind, lost, failed)
+    row.faults += [f"{c.id}: {c.message}" for c in result.checks if c.status == "error"]
+    row.faults += [f"{c.id} does not build: {c.message}" for c in result.checks if c.kind == "build" and c.status == "failed"]
+    if kind == "starter":
+        if result.score > STARTER_LIMIT * result.max_score:
+            row.faults.append(f"the starter has {result.score:g} of {result.max_score:g} points, more than {STARTER_LIMIT:.0%}")
+    elif kind == "mistake":
+        allowed = involved(assignment, {change.function})
+        for backend in BACKENDS:
+            own = f"{backend}/function/{change.function}"
+            if own not in failed[backend]:
+                row.faults.append(f"{own} does not see it")
+            row.faults += [f"{id} fails although {change.function} has no part in it" for id in failed[backend] if id not in allowed]
+    else:
+        row.faults += [f"{c.id} costs a correct {kind} {c.max_score - c.score:g} points: {c.message}" for c in result.checks if c.status == "failed"]
+    return row

@@ -1,0 +1,402 @@
+"""The command line. stdout carries the result, stderr progress and messages.
+
+Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed check or test; 2 bad usage or bad input;
+3 infrastructure.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, Optional
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from shadelab.errors import InfrastructureError, UserError
+from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION, STATE, shown
+from shadelab.sandbox import Limits, Sandbox
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="""Write shading functions in C++ and GLSL, see them rendered, and have them graded.
+
+Start with
+
+    ./shadelab grade starter/phong
+
+which grades the unfinished assignment and says for each function what is wrong. Fill in shading.cpp and shading.glsl there,
+and grade again. `./shadelab COMMAND --help` explains each command.""",
+)
+
+errors = Console(stderr=True, highlight=False)
+Backend = Literal["cpp", "glsl"]
+
+
+@contextmanager
+def progress_bar():
+    """A callable (what, done, total) that draws on stderr, where somebody looks at it."""
+    if not errors.is_terminal:
+        yield lambda what, done, total: None
+        return
+    columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"), TimeElapsedColumn()]
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task("starting", total=1)
+        yield lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
+
+
+# --------------------------------------------------------------------------------------------------------- grade
+
+
+@app.command()
+def grade(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")],
+    assignment: Annotated[Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")] = None,
+    out: Annotated[Optional[Path], typer.Option(help="where result.json and report.html go (default: out/ASSIGNMENT)")] = None,
+    json_: Annotated[Optional[str], typer.Option("--json", metavar="FILE|-", help="also write result.json here; - is stdout")] = None,
+    fail_under: Annotated[Optional[float], typer.Option(metavar="P", help="exit with 1 when the score is under P percent")] = None,
+    only: Annotated[str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")] = "*",
+) -> None:
+    """Grade one submission: build, run and compare it with the expected data, and say what is wrong.
+
+    A table goes to stdout; result.json and report.html (pictures, worst pixels) go to the folder given by --out.
+    """
+    from shadelab.grade import grade as run_grade
+    from shadelab.grade import plan_checks, write_worst_inputs
+    from shadelab.manifest import find_assignment
+    from shadelab.report.html import write_html
+    from shadelab.report.terminal import print_result
+
+    declared = find_assignment(directory, assignment)
+    if not any(plan_checks(declared, only).values()):
+        raise UserError(f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}")
+    out = out or Path("out") / declared.name
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{shown(out)}: cannot be made: {error.strerror}; choose another folder with --out") from None
+    with progress_bar() as progress:
+        grading = run_grade(declared, directory, out, only, progress)
+    write_worst_inputs(declared, grading, directory, out)
+    write_html(grading.result, grading.pictures, out / "report.html", declared.title)
+    if json_ and json_ != "-":
+        grading.result.write(Path(json_))
+    if json_ == "-":
+        print(grading.result.to_json(), end="")
+    print_result(grading.result, errors if json_ == "-" else Console(highlight=False), out / "report.html")
+    result = grading.result
+    if fail_under is not None and result.score < fail_under / 100 * result.max_score:
+        raise typer.Exit(1)
+
+
+# --------------------------------------------------------------------------------------------------- render, eval
+
+
+def _assignment_of_scene(scene: Path, shading: Path | None):
+    """The assignment that declares a scene's models: that of --shading, of the scene's folder, or the first that has them."""
+    from shadelab.manifest import assignment_names, find_assignment, load_assignment, read_toml
+
+    if shading is not None:
+        return find_assignment(shading, None)
+    names = assignment_names()
+    models = {m.get("model") for m in read_toml(scene).get("material", {}).values() if isinstance(m, dict)}
+    candidates = [scene.resolve().parent.name] if scene.resolve().parent.name in names else names
+    for name in candidates:
+        declared = load_assignment(SOLUTION / name)
+        if len(candidates) == 1 or models <= {f.name for f in declared.functions}:
+            return declared
+    raise UserError(f"{shown(scene)}: no assignment declares all of its models ({', '.join(sorted(map(str, models)))})")
+
+
+def _student_build(runner, folder: Path) -> None:
+    from shadelab.build import BuildError
+
+    try:
+        runner.build(folder)
+    except BuildError as error:
+        raise UserError(error.message) from None
+
+
+@app.command()
+def render(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="a scene file, for example scenes/phong/teapot.toml")],
+    backend: Annotated[Backend, typer.Option(help="the C++ rasterizer or OpenGL")] = "cpp",
+    shading: Annotated[Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")] = None,
+    double: Annotated[bool, typer.Option("--double", help="C++ only: compute in double, as the reference does")] = False,
+    size: Annotated[Optional[str], typer.Option(metavar="WxH", help="pixels, instead of the scene's")] = None,
+    samples: Annotated[Optional[int], typer.Option(help="coverage samples per pixel: 1 2 4 8 16 64 (glsl: 1 2 4)")] = None,
+    supersample: Annotated[Optional[int], typer.Option(help="draw N times larger and average N x N pixels")] = None,
+    layers: Annotated[bool, typer.Option("--layers", help="write ambient, diffuse, specular, id, depth, normal, position too")] = False,
+    explain: Annotated[bool, typer.Option("--explain", help="print what the scene needs and what was left out")] = False,
+    full: Annotated[bool, typer.Option("--full", help="leave nothing out")] = False,
+    packet: Annotated[Optional[Path], typer.Option(metavar="FILE", help="write the frame packet that an OpenGL client draws")] = None,
+    exposure: Annotated[float, typer.Option(help="PNG only: brighten by 2^EXPOSURE")] = 0.0,
+    threads: Annotated[Optional[int], typer.Option(help="C++ only: number of threads")] = None,
+    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="FILE", help=".png, .exr or .npy (default: out/SCENE.png)")] = None,
+) -> None:
+    """Render one image with the solution's or a student's shading functions, in C++ or in GLSL."""
+    from shadelab.evidence import CppRunner, Draw, GlslRunner
+    from shadelab.manifest import Scene
+
+    if not scene.is_file():
+        raise UserError(f"{shown(scene)}: cannot be read; does the file exist? Scenes stand in {shown(SCENES)}")
+    if double and backend == "glsl":
+        raise UserError("--double: GLSL 330 computes in float only; use --backend cpp")
+    declared = _assignment_of_scene(scene, shading)
+    folder = shading or declared.directory
+    options = ["--assignment", str(declared.directory)]
+    for name, value in {"--size": size, "--samples": samples, "--supersample": supersample}.items():
+        options += [name, str(value)] if value is not None else []
+    options += [name for name, value in {"--layers": layers, "--full": full, "--explain": explain}.items() if value]
+    output = output or (None if packet else Path("out") / f"{scene.stem}.png")
+    if output is not None:
+        if output.suffix not in (".png", ".exr", ".npy"):
+            raise UserError(f"{shown(output)}: unknown image format; end the name in .png, .exr or .npy")
+        output.parent.mkdir(parents=True, exist_ok=True)
+
+    (STATE / "work").mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="render-", dir=STATE / "work") as work:
+        packet_file = packet or Path(work) / "frame.packet"
+        if packet or backend == "glsl":
+            _run_renderer(["packet", str(scene), *options, "-o", str(packet_file)])
+        if packet and output is None:
+            print(shown(packet))
+            return
+        if backend == "cpp":
+            runner = CppRunner(declared, Sandbox(Path(work)), double)
+            _student_build(runner, folder)
+            numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
+            if packet:
+                options = [o for o in options if o != "--explain"]
+            image = ["image", str(scene), *options, "--plugin", str(runner.plugin.file), "-o", str(output.resolve()), *numbers]
+            _show(runner.sandbox.run([str(RENDER), *image], Limits(seconds=600, memory=8 << 30), cwd=Path.cwd()))
+        else:
+            gl = GlslRunner(declared, Sandbox(Path(work)))
+            _student_build(gl, folder)
+            [(_, drawn)] = gl.run([Draw(Scene(scene.stem, scene, 0), packet_file)])
+            if drawn.array is None:
+                raise UserError(f"{shown(scene)}: the render {drawn.failure}")
+            _write_image(drawn.array, output, exposure)
+    print(shown(output))
+
+
+def _run_renderer(arguments: list[str]) -> None:
+    """The renderer without student code: no sandbox."""
+    code = subprocess.run([str(RENDER), *arguments]).returncode
+    if code:
+        raise typer.Exit(code if code in (2, 3) else 3)
+
+
+def _show(outcome) -> None:
+    """--explain's lists and what the student's code prints are a result (stdout); notes and warnings are messages (stderr)."""
+    print(outcome.stdout.decode(errors="replace"), end="")
+    print(outcome.stderr, end="", file=sys.stderr)
+    if outcome.returncode in (2, 3):
+        raise typer.Exit(outcome.returncode)
+    if not outcome.ok:
+        raise UserError(f"the render {outcome.explain(Limits(seconds=600))}")
+
+
+def _write_image(image, output: Path, exposure: float) -> None:
+    """What the C++ film writes, for an image of the OpenGL client."""
+    import numpy as np
+
+    if output.suffix == ".npy":
+        np.save(output, image)
+        return
+    raw = output.with_suffix(".part.npy")
+    np.save(raw, image)
+    try:
+        _run_renderer(["convert", str(raw), "-o", str(output), "--exposure", str(exposure)])
+    finally:
+        raw.unlink()
+
+
+@app.command("eval")
+def evaluate(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")],
+    function: Annotated[str, typer.Argument(metavar="FUNCTION", help="a function of the assignment, for example phong_lobe")],
+    inputs: Annotated[Path, typer.Option("--inputs", metavar="IN.npz", help="arrays named as the arguments; a struct's members as arg.member")],
+    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="OUT.npz", help="holds result, or result.member")] = None,
+    backend: Annotated[Backend, typer.Option(help="the C++ or the GLSL function")] = "cpp",
+    double: Annotated[bool, typer.Option("--double", help="C++ only: the double build")] = False,
+    assignment: Annotated[Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")] = None,
+) -> None:
+    """Evaluate one function over arrays and show what it computes and prints.
+
+    IN.npz holds one array per argument; the first axis is the evaluation. For example, in Python:
+
+        np.savez("in.npz", n=[[0, 1, 0]], l=[[0, 1, 0]], v=[[0, 0.6, 0.8]], q=[32])
+    """
+    import numpy as np
+
+    from shadelab.evidence import CppRunner, Evaluate, GlslRunner
+    from shadelab.manifest import find_assignment, flat_rows, named_arrays
+
+    if double and backend == "glsl":
+        raise UserError("--double: GLSL 330 computes in float only; use --backend cpp")
+    declared = find_assignment(directory, assignment)
+    wanted = declared.function(function)
+    try:
+        arrays = dict(np.load(inputs, allow_pickle=False))
+    except (OSError, ValueError):
+        raise UserError(f"{shown(inputs)}: cannot be read as .npz; write it with numpy.savez") from None
+    columns = declared.input_columns(wanted)
+    rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
+    (STATE / "work").mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="eval-", dir=STATE / "work") as work:
+        sandbox = Sandbox(Path(work))
+        runner = CppRunner(declared, sandbox, double) if backend == "cpp" else GlslRunner(declared, sandbox)
+        _student_build(runner, directory)
+        [(_, result)] = runner.run([Evaluate(wanted, rows)])
+    if result.printed:
+        print(result.printed, end="" if result.printed.endswith("\n") else "\n")
+    if result.array is None:
+        raise UserError(f"{function} {result.failure}")
+    results = named_arrays(declared.output_columns(wanted), result.array)
+    if output:
+        np.savez(output, **results)
+    for row in range(min(len(rows), 10)):
+        given = ", ".join(f"{name} = {_short(a[row])}" for name, a in named_arrays(columns, rows).items())
+        came = ", ".join(f"{name} = {_short(a[row])}" for name, a in results.items())
+        print(f"{function}({given})\n    {came}")
+    if len(rows) > 10:
+        print(f"... {len(rows) - 10} more" + ("" if output else "; -o OUT.npz writes them all"))
+
+
+def _short(value) -> str:
+    import numpy as np
+
+    value = np.atleast_1d(value)
+    text = ", ".join(f"{float(v):.7g}" for v in value)
+    return text if len(value) == 1 else f"({text})"
+
+
+# ------------------------------------------------------------------------------------------ instructors' commands
+
+
+@app.command()
+def reference(name: Annotated[str, typer.Argument(metavar="NAME", help="an assignment, for example phong")]) -> None:
+    """Make the expected data of an assignment from its solution's double build (grade does it when it is missing)."""
+    from shadelab import expected
+    from shadelab.manifest import find_assignment
+
+    declared = find_assignment(SOLUTION / name, name)
+    with progress_bar() as progress:
+        made = expected.load(declared, lambda what: progress(what, 0, 1))
+    print(shown(made.folder))
+
+
+@app.command()
+def check(names: Annotated[Optional[list[str]], typer.Argument(metavar="[NAME]...", help="assignments (default: all)")] = None) -> None:
+    """Grade the grader: every declared mistake must lose points where it should and only there, every correct variant none."""
+    from shadelab.check import check as run_check
+    from shadelab.manifest import assignment_names, find_assignment
+
+    output, faults = Console(highlight=False), 0
+    for name in names or assignment_names():
+        declared = find_assignment(SOLUTION / name, name)
+        with progress_bar() as progress:
+            rows = run_check(declared, progress)
+        table = Table(title=f"{declared.name}: what each submission loses", title_justify="left")
+        for heading, justify in (("submission", "left"), ("kind", "left"), ("C++", "right"), ("GLSL", "right"), ("failed", "right"), ("", "left")):
+            table.add_column(heading, justify=justify)
+        for row in rows:
+            failed = "/".join(str(len(row.failed[b])) for b in ("cpp", "glsl"))
+            verdict = "ok" if not row.faults else "MISSED"
+            table.add_row(row.name, row.kind, f"{row.lost['cpp']:.1f}", f"{row.lost['glsl']:.1f}", failed, verdict)
+        output.print(table)
+        for row in rows:
+            for fault in row.faults:
+                output.print(f"{row.name}: {fault}", markup=False)
+        mistakes, variants = (sum(r.kind == kind for r in rows) for kind in ("mistake", "variant"))
+        bad = sum(bool(r.faults) for r in rows)
+        faults += bad
+        output.print(f"{declared.name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {bad} missed\n")
+    if faults:
+        raise typer.Exit(1)
+
+
+@app.command()
+def starter(
+    name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="an assignment (default: all)")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="write nothing; exit with 1 when starter/ is out of step")] = False,
+) -> None:
+    """Generate starter/NAME from solution/NAME: the marked parts become stubs."""
+    from shadelab.manifest import assignment_names, find_assignment
+    from shadelab.starter import differences, write_starter
+
+    lines = []
+    for each in [name] if name else assignment_names():
+        declared = find_assignment(SOLUTION / each, each)
+        if verify:
+            lines += differences(declared)
+        else:
+            print(shown(write_starter(declared)))
+    for line in lines:
+        print(line)
+    if lines:
+        print("Run ./shadelab starter and commit what it writes.", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine can do, and how to mend what it can't."""
+    from shadelab.doctor import examine
+
+    output = Console(highlight=False)
+    findings = examine()
+    for finding in findings:
+        mark = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]bad [/]"}[finding.state]
+        output.print(f"{mark}  {finding.what}: ", end="")
+        output.print(finding.says, markup=False)
+        if finding.mend:
+            output.print(f"      {finding.mend}", markup=False)
+    if any(f.state == "bad" for f in findings):
+        raise typer.Exit(3)
+
+
+@app.command()
+def test(
+    slow: Annotated[bool, typer.Option("--slow", help="also the tests marked slow and oracle")] = False,
+    select: Annotated[Optional[str], typer.Option("-k", metavar="WORDS", help="only Python tests whose name matches")] = None,
+) -> None:
+    """Run all tests: C++ (ctest) and Python (pytest). The output ends with pytest's summary."""
+    environment = {**os.environ, "SHADELAB_ROOT": str(ROOT)}
+    cpp = subprocess.run(["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment).returncode
+    # -I: a submission's numpy.py in the working folder must never be imported by us.
+    command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
+    command += [] if slow else ["-m", "not slow and not oracle"]
+    command += ["-k", select] if select else []
+    python = subprocess.run(command, cwd=ROOT, env=environment).returncode
+    if cpp:
+        print("the C++ tests failed (above)", file=sys.stderr)
+    if cpp or python:
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    try:
+        app(standalone_mode=True)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    except InfrastructureError as error:
+        print(error, file=sys.stderr)
+        sys.exit(3)
+    except OSError as error:
+        print(f"{error.filename or ''}: {error.strerror}", file=sys.stderr)
+        sys.exit(3)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+
+

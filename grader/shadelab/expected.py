@@ -1,0 +1,180 @@
+"""Expected data: what the double build of the solution computes. It is all that grading knows of the solution.
+
+Below .shadelab/expected/NAME/DIGEST/ stand, named by a digest of everything that they depend on:
+    functions.npz       per function: FUNCTION.rows (float32 inputs) and FUNCTION.truth (float64)
+    SCENE.npz           the film's layers (float32) and the mask of pixels that are judged
+    SCENE.packet        the frame packet for the OpenGL client
+    done                written last: a set without it is made again
+"""
+
+import hashlib
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from shadelab.build import BuildError
+from shadelab.errors import InfrastructureError, UserError
+from shadelab.evidence import CppRunner, Draw, Evaluate
+from shadelab.manifest import Assignment, Function, Scene, read_toml
+from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, shown
+from shadelab.sandbox import Limits, Sandbox
+from shadelab.tables import make_table, renormalised
+
+PUBLIC_SEED = 6837
+
+# The film's channels with all layers, in the order of film.hpp.
+CHANNELS = {
+    "total": slice(0, 3), "ambient": slice(3, 6), "diffuse": slice(6, 9), "specular": slice(9, 12),
+    "coverage": slice(12, 13), "id": slice(13, 14), "depth": slice(14, 15), "normal": slice(15, 18), "position": slice(18, 21),
+}  # fmt: skip
+
+# Values of a mask.
+BACKGROUND, INTERIOR, EDGE = 0, 1, 2
+
+
+@dataclass
+class SceneTruth:
+    layers: np.ndarray  # (H, W, 21) float32, CHANNELS
+    mask: np.ndarray  # (H, W) uint8
+    eye: np.ndarray
+
+    def layer(self, name: str) -> np.ndarray:
+        return self.layers[..., CHANNELS[name]]
+
+
+@dataclass
+class Expected:
+    folder: Path
+
+    @cached_property
+    def functions(self) -> dict[str, np.ndarray]:
+        return dict(np.load(self.folder / "functions.npz", allow_pickle=False))
+
+    def table(self, function: Function) -> tuple[np.ndarray, np.ndarray]:
+        """The rows and the truth."""
+        return self.functions[f"{function.name}.rows"], self.functions[f"{function.name}.truth"]
+
+    def scene(self, scene: Scene) -> SceneTruth:
+        data = np.load(self.folder / f"{scene.name}.npz", allow_pickle=False)
+        return SceneTruth(data["layers"], data["mask"], data["eye"])
+
+    def packet(self, scene: Scene) -> Path:
+        return self.folder / f"{scene.name}.packet"
+
+
+def missing_meshes(scene: Scene) -> list[Path]:
+    """Meshes that the scene names and this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
+    objects = read_toml(scene.file).get("object", [])
+    meshes = [(scene.file.parent / o["mesh"]).resolve() for o in objects if isinstance(o, dict) and isinstance(o.get("mesh"), str)]
+    return [mesh for mesh in dict.fromkeys(meshes) if not mesh.exists()]
+
+
+def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.ndarray:
+    """Which pixels are judged strictly. An edge is a change of object, a jump of depth or a jump of the normal between
+    neighbours, dilated by one pixel; never a change of triangle, which would leave no interior on dense meshes.
+
+    pixel_angle: the angle that a pixel spans, radians.
+    """
+    ids, normal = layers[..., CHANNELS["id"]][..., 0], layers[..., CHANNELS["normal"]]
+    position = layers[..., CHANNELS["position"]].astype(np.float64)
+    footprint = np.linalg.norm(position - eye, axis=2) * pixel_angle
+    edge = np.zeros(ids.shape, bool)
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = (slice(0, ids.shape[0] - dy), slice(max(0, -dx), ids.shape[1] - max(0, dx)))
+        b = (slice(dy, None), slice(max(0, dx), ids.shape[1] + min(0, dx)))
+        # A neighbour farther from the tangent plane than three pixels' footprints lies on another part of the surface.
+        off_plane = np.abs(np.sum((position[b] - position[a]) * normal[a], axis=2))
+        jump = (ids[a] != ids[b]) | (off_plane > 3 * np.maximum(footprint[a], footprint[b]))
+        jump |= (ids[a] > 0) & (np.sum(normal[a] * normal[b], axis=2) < 0.95)
+        edge[a] |= jump
+        edge[b] |= jump
+    wide = edge.copy()
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            rows, columns = slice(max(0, dy), ids.shape[0] + min(0, dy)), slice(max(0, dx), ids.shape[1] + min(0, dx))
+            source = (slice(max(0, -dy), ids.shape[0] + min(0, -dy)), slice(max(0, -dx), ids.shape[1] + min(0, -dx)))
+            wide[rows, columns] |= edge[source]
+    return np.where(wide, EDGE, np.where(ids > 0, INTERIOR, BACKGROUND)).astype(np.uint8)
+
+
+def digest(assignment: Assignment) -> str:
+    """Of everything that the expected data depends on: code, manifests, scenes, meshes."""
+    here = Path(__file__).parent
+    files = [here / "tables.py", here / "expected.py", FRAMEWORK / "interface.toml"]
+    for folder in ("include", "src", "render"):
+        files += sorted(f for f in (FRAMEWORK / folder).rglob("*") if f.is_file())
+    pending = [assignment]
+    while pending:
+        one = pending.pop()
+        files += [one.directory / "assignment.toml", *(one.directory / name for name in one.files)]
+        pending += one.given
+    for scene in assignment.scenes:
+        files.append(scene.file)
+        objects = read_toml(scene.file).get("object", [])
+        files += [(scene.file.parent / o["mesh"]).resolve() for o in objects]
+    total = hashlib.sha256()
+    for file in dict.fromkeys(files):
+        total.update(str(file.name).encode() + b"\0" + (file.read_bytes() if file.exists() else b"absent") + b"\0")
+    return total.hexdigest()[:32]
+
+
+def load(assignment: Assignment, progress: Callable[[str], None] = lambda _: None) -> Expected:
+    """The expected data, made first when there is none for the present solution and scenes."""
+    folder = EXPECTED / assignment.name / digest(assignment)
+    if not (folder / "done").exists():
+        make(assignment, folder, progress)
+    return Expected(folder)
+
+
+def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) -> None:
+    progress(f"reference {assignment.name}: building the solution in double")
+    scratch = folder.with_name(folder.name + ".part")
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(parents=True)
+    sandbox = Sandbox(scratch / "work")
+    runner = CppRunner(assignment, sandbox, double=True)
+    try:
+        runner.build(assignment.directory)
+    except BuildError as error:
+        raise UserError(f"{shown(assignment.directory)}: the solution does not compile: {error.message}") from None
+    arrays: dict[str, np.ndarray] = {}
+    for function in assignment.functions:
+        progress(f"reference {assignment.name}: {function.name}")
+        rows = make_table(assignment, function, PUBLIC_SEED)
+        output = runner.evaluate(Evaluate(function, renormalised(assignment, function, rows)))
+        if output.array is None:
+            raise UserError(f"{shown(assignment.directory)}: {function.name} {output.failure}")
+        arrays[f"{function.name}.rows"], arrays[f"{function.name}.truth"] = rows, output.array
+    np.savez(scratch / "functions.npz", **arrays)
+    for scene in assignment.scenes:
+        if missing_meshes(scene):
+            continue
+        progress(f"reference {assignment.name}: {scene.name}")
+        output = runner.draw(Draw(scene))
+        if output.array is None:
+            raise UserError(f"{shown(scene.file)}: {output.failure}")
+        camera = read_toml(scene.file)["camera"]
+        eye = np.array(camera["eye"], float)
+        pixel_angle = np.radians(camera.get("fov_y", 40)) / output.array.shape[0]
+        mask = scene_mask(output.array, eye, pixel_angle)
+        np.savez(scratch / f"{scene.name}.npz", layers=output.array, mask=mask, eye=eye)
+        packet = [
+            str(RENDER), "packet", str(scene.file), "--assignment", str(assignment.directory), "--layers",
+            "-o", str(scratch / f"{scene.name}.packet"),
+        ]  # fmt: skip
+        outcome = sandbox.run(packet, Limits(seconds=60))
+        if not outcome.ok:
+            raise InfrastructureError(f"{shown(scene.file)}: {outcome.stderr.strip()}")
+    shutil.rmtree(scratch / "work")
+    (scratch / "done").touch()
+    if folder.exists():  # somebody else was faster, or a former one was cut off
+        shutil.rmtree(folder)
+    scratch.rename(folder)
+    # Older data of this assignment serves nobody: its digest will not come back.
+    for other in folder.parent.iterdir():
+        if other != folder and not other.name.endswith(".part"):
+            shutil.rmtree(other, ignore_errors=True)

@@ -1,0 +1,244 @@
+"""From evidence and expected data to checks: what is wrong, how much of it, and where it is worst.
+
+Nothing here runs student code or loads a file that student code wrote; it only compares numbers.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth
+from shadelab.manifest import Assignment, Function, Scene, named_arrays
+from shadelab.result import Check, Error, Worst
+
+# Function checks: the largest error that passes. Correct naive code strays to 1.6e-4 in C++ and 2.2e-3 in GLSL (the rest is the
+# driver's pow and acos), so the limits leave a factor of 6 and 4.5.
+FUNCTION_LIMIT = {"cpp": 1e-3, "glsl": 1e-2}
+# Values below this share of the table's scale are judged absolutely: a highlight's tail is not worth its relative error.
+SMALL = 1e-3
+
+# Image checks. A pixel violates when |delta| > RELATIVE |ref| + ABSOLUTE s, with s the 95th percentile of the reference.
+RELATIVE, ABSOLUTE = 1e-2, 2e-3
+FULL_MARKS = 1e-3  # share of interior pixels that may violate
+NO_MARKS = 1e-1
+EDGE_CAP = 0.25  # share of edge pixels that may violate; beyond it, and with any value that is not finite, at most half the marks
+
+
+def interior_score(share: float) -> float:
+    """The share of the marks for a share of violating interior pixels: all up to 0.1 %, then falling with the logarithm,
+    a half at 1 %, none from 10 % on."""
+    if share <= FULL_MARKS:
+        return 1.0
+    return float(max(0.0, 1 - np.log(share / FULL_MARKS) / np.log(NO_MARKS / FULL_MARKS)))
+
+
+# ----------------------------------------------------------------------------------------------------- functions
+
+
+def scaled_error(actual: np.ndarray, truth: np.ndarray, members: list[slice]) -> np.ndarray:
+    """e = |a - t| / (|t| + 1e-3 S) per number, S the 95th percentile of |t| over the table and the member. Not finite where
+    the truth is finite: infinity."""
+    error = np.empty(truth.shape)
+    for member in members:
+        t, a = truth[:, member], actual[:, member].astype(np.float64)
+        finite = np.isfinite(t)
+        scale = np.percentile(np.abs(t[finite]), 95) if finite.any() else 1.0
+        with np.errstate(all="ignore"):
+            e = np.abs(a - t) / (np.abs(t) + SMALL * max(scale, 1e-30))
+        # A truth that is not finite asks for the same kind of value; anything else that is not finite fails.
+        same = ~finite & ((np.isnan(t) & np.isnan(a)) | (a == t))
+        error[:, member] = np.where(same, 0.0, np.where(np.isfinite(a) & finite, e, np.inf))
+    return error
+
+
+def judge_function(
+    assignment: Assignment, function: Function, backend: str, points: float, rows: np.ndarray, truth: np.ndarray, actual: np.ndarray
+) -> Check:
+    columns = assignment.output_columns(function)
+    members = [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
+    error = scaled_error(actual, truth, members)
+    worst_row, worst_column = np.unravel_index(np.argmax(error), error.shape)
+    largest = float(error[worst_row, worst_column])
+    limit = FUNCTION_LIMIT[backend]
+    passed = largest <= limit
+    check = Check(
+        id=f"{backend}/function/{function.name}",
+        kind="function",
+        backend=backend,
+        status="passed" if passed else "failed",
+        score=points if passed else 0.0,
+        max_score=points,
+        error=Error(name="scaled", value=largest if np.isfinite(largest) else None, limit=limit),
+        needs=[f"{backend}/build"],
+    )
+    if not passed:
+        check.message = _describe_function(assignment, function, rows, truth, actual, error, limit, members)
+        inputs = named_arrays(assignment.input_columns(function), rows[worst_row : worst_row + 1])
+        check.worst = Worst(
+            inputs={name: _numbers(value[0]) for name, value in inputs.items()},
+            expected=_numbers(truth[worst_row]),
+            actual=_numbers(actual[worst_row]),
+        )
+    return check
+
+
+def _describe_function(
+    assignment: Assignment,
+    function: Function,
+    rows: np.ndarray,
+    truth: np.ndarray,
+    actual: np.ndarray,
+    error: np.ndarray,
+    limit: float,
+    members: list[slice],
+) -> str:
+    bad = error.max(axis=1) > limit
+    columns = assignment.output_columns(function)
+    parts = []
+    names = [columns[m.start].path.removeprefix("result.") for m in members]
+    wrong = [name for name, m in zip(names, members) if (error[:, m] > limit).any()]
+    where = _share(bad.mean()) + " of the inputs"
+    if len(members) > 1 and len(wrong) < len(members):
+        right = [name for name in names if name not in wrong]
+        where += f", only in {_and(wrong)} ({_and(right)} {'is' if len(right) == 1 else 'are'} right)"
+    parts.append(f"wrong for {where}")
+    if not_finite := int((~np.isfinite(actual) & np.isfinite(truth)).any(axis=1).sum()):
+        parts.append(f"not finite for {not_finite} of {len(rows)} inputs")
+    for sentence in (_side(assignment, function, rows, bad), _relation(truth, actual, error, limit)):
+        if sentence:
+            parts.append(sentence)
+    return "; ".join(parts)
+
+
+def _side(assignment: Assignment, function: Function, rows: np.ndarray, bad: np.ndarray) -> str:
+    """Whether the wrong inputs are those with a direction below the surface: the sign of a missing gate or clamp."""
+    inputs = named_arrays(assignment.input_columns(function), rows)
+    for value in function.values:
+        if value.domain.kind == "upper":
+            cosine = np.sum(inputs[value.name] * inputs[value.domain.base], axis=1)
+            if (bad & (cosine > 0)).sum() == 0:
+                return f"only where {value.name} does not point above the surface ({value.domain.base}.{value.name} <= 0)"
+    return ""
+
+
+def _relation(truth: np.ndarray, actual: np.ndarray, error: np.ndarray, limit: float) -> str:
+    """A constant factor between what came and what was expected, where there is one. Judged where the truth is not small."""
+    scale = np.percentile(np.abs(truth), 95)
+    use = np.isfinite(actual) & (np.abs(truth) > 0.05 * scale) & (error > limit)
+    if use.sum() < 20:
+        return ""
+    ratio = actual[use] / truth[use]
+    low, middle, high = np.percentile(ratio, [5, 50, 95])
+    if high - low > 0.01 * abs(middle) + 1e-6:
+        return ""
+    return "always 0" if middle == 0 else f"always {middle:.4g} times what is expected"
+
+
+def _numbers(values: np.ndarray) -> list[float | str]:
+    """JSON has no NaN and no infinity: they travel as words."""
+    return [float(v) if np.isfinite(v) else str(float(v)) for v in np.atleast_1d(values)]
+
+
+def _and(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def _share(share: float) -> str:
+    return "all" if share == 1 else f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
+
+
+# -------------------------------------------------------------------------------------------------------- images
+
+
+@dataclass
+class ImageJudgement:
+    check: Check
+    limit: np.ndarray  # (H, W, 3): what each pixel of the total may be off
+
+
+def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray, needs: list[str]) -> ImageJudgement:
+    """layers: (H, W, 21) float32 as CHANNELS; the geometry layers are not looked at: edges come from our own."""
+    reference, actual = truth.layer("total").astype(np.float64), layers[..., :3].astype(np.float64)
+    foreground = truth.layer("id")[..., 0] > 0
+    scale = _scale(reference, foreground)
+    limit = RELATIVE * np.abs(reference) + ABSOLUTE * scale
+    check = Check(
+        id=f"{backend}/image/{scene.name}", kind="image", backend=backend, status="passed", score=points, max_score=points, needs=needs
+    )
+    interior, edge, background = truth.mask == INTERIOR, truth.mask == EDGE, truth.mask == BACKGROUND
+    if interior.sum() < 0.5 * foreground.sum():
+        # A scene of slivers and edges says nothing about shading: the scene is at fault, not the student.
+        check.status, check.score = "error", 0.0
+        check.message = f"the scene leaves only {_share(interior.sum() / max(foreground.sum(), 1))} of its foreground to judge"
+        return ImageJudgement(check, limit)
+
+    violates = _violations(actual, reference, limit)
+    # Background pixels carry no shading; one that differs counts like an interior pixel.
+    share = float((violates & (interior | background)).sum() / interior.sum())
+    edge_share = float((violates & edge).sum() / max(edge.sum(), 1))
+    not_finite = int((~np.isfinite(actual)).any(axis=2).sum())
+    fraction = interior_score(share)
+    if not_finite or edge_share > EDGE_CAP:
+        fraction = min(fraction, 0.5)
+    check.error = Error(name="interior violations", value=share, limit=FULL_MARKS)
+    check.score = points * fraction
+    if fraction < 1:
+        check.status = "failed"
+        check.message = _describe_image(truth, layers, violates, share, edge_share, not_finite, interior, scale)
+        check.worst = _worst_pixel(truth, actual, limit, violates & (edge if share <= FULL_MARKS else ~edge))
+    return ImageJudgement(check, limit)
+
+
+def _scale(reference: np.ndarray, foreground: np.ndarray) -> float:
+    return float(np.percentile(np.abs(reference[foreground]), 95)) if foreground.any() else 1.0
+
+
+def _violations(actual: np.ndarray, reference: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore"):
+        return ~(np.abs(actual - reference) <= limit).all(axis=2)  # written so that NaN violates
+
+
+def _describe_image(
+    truth: SceneTruth,
+    layers: np.ndarray,
+    violates: np.ndarray,
+    share: float,
+    edge_share: float,
+    not_finite: int,
+    interior: np.ndarray,
+    scale: float,
+) -> str:
+    parts = []
+    if share > FULL_MARKS:
+        parts.append(f"{_share(share)} of the interior pixels are off (at most {_share(FULL_MARKS)} may be)")
+    if not_finite:
+        y, x = np.argwhere(~np.isfinite(layers[..., :3]).all(axis=2))[0]
+        parts.append(f"{not_finite} pixels are not finite, the first at ({x}, {y})")
+    if edge_share > EDGE_CAP:
+        parts.append(f"{_share(edge_share)} of the edge pixels are off")
+    wrong, right = [], []
+    for term in ("ambient", "diffuse", "specular"):
+        reference = truth.layer(term).astype(np.float64)
+        limit = RELATIVE * np.abs(reference) + ABSOLUTE * scale
+        term_share = float((_violations(layers[..., CHANNELS[term]].astype(np.float64), reference, limit) & interior).sum() / interior.sum())
+        (wrong if term_share > FULL_MARKS else right).append(term)
+    if wrong and right:
+        parts.append(f"{_and(wrong)} {'is' if len(wrong) == 1 else 'are'} wrong, {_and(right)} {'is' if len(right) == 1 else 'are'} right")
+    return "; ".join(parts)
+
+
+def _worst_pixel(truth: SceneTruth, actual: np.ndarray, limit: np.ndarray, candidates: np.ndarray) -> Worst:
+    with np.errstate(invalid="ignore"):
+        badness = (np.abs(actual - truth.layer("total")) / limit).max(axis=2)
+    badness = np.where(candidates, np.where(np.isfinite(badness), badness, np.inf), -1.0)
+    y, x = np.unravel_index(np.argmax(badness), badness.shape)
+    inputs = {"pixel": [int(x), int(y)], "object": int(truth.layer("id")[y, x, 0])}
+    if inputs["object"]:
+        position = truth.layer("position")[y, x].astype(np.float64)
+        view = truth.eye - position
+        inputs |= {
+            "n": _numbers(truth.layer("normal")[y, x]),
+            "x": _numbers(position),
+            "v": _numbers(view / np.linalg.norm(view)),
+        }
+    return Worst(inputs=inputs, expected=_numbers(truth.layer("total")[y, x]), actual=_numbers(actual[y, x]))

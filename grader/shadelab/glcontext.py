@@ -1,0 +1,112 @@
+"""An OpenGL 3.3 context without a display: OSMesa where the system has it, EGL surfaceless elsewhere.
+
+OSMesa was removed from Mesa in 25.1, so newer systems lack it; both ways reach the same driver (llvmpipe).
+SHADELAB_GL=osmesa or =egl forces one of them.
+"""
+
+import ctypes
+import ctypes.util
+import os
+
+import moderngl
+
+from shadelab.errors import InfrastructureError
+
+# Values of GL/osmesa.h.
+OSMESA_FORMAT, OSMESA_DEPTH_BITS, OSMESA_STENCIL_BITS, OSMESA_PROFILE = 0x22, 0x30, 0x31, 0x33
+OSMESA_CORE_PROFILE, OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x34, 0x36, 0x37
+GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+
+
+class OSMesaContext:
+    """What moderngl asks of a context object (load, __enter__, __exit__, release), over libOSMesa through ctypes."""
+
+    def __init__(self) -> None:
+        name = ctypes.util.find_library("OSMesa") or "libOSMesa.so.8"
+        self.library = ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)  # OSError when the system has none
+        self.library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        self.library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        self.library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        self.library.OSMesaMakeCurrent.argtypes = [
+            ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int,
+        ]  # fmt: skip
+        self.library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        self.library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        self.library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        attributes = [
+            OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 24, OSMESA_STENCIL_BITS, 8, OSMESA_PROFILE, OSMESA_CORE_PROFILE,
+            OSMESA_CONTEXT_MAJOR_VERSION, 3, OSMESA_CONTEXT_MINOR_VERSION, 3, 0,
+        ]  # fmt: skip
+        self.handle = self.library.OSMesaCreateContextAttribs((ctypes.c_int * len(attributes))(*attributes), None)
+        if not self.handle:
+            raise OSError("OSMesa gives no OpenGL 3.3 core context")
+        # OSMesa insists on a window-system buffer; everything is drawn into framebuffer objects instead.
+        self.buffer = (ctypes.c_ubyte * (16 * 16 * 4))()
+        self.make_current()
+
+    def make_current(self) -> None:
+        if not self.library.OSMesaMakeCurrent(self.handle, self.buffer, GL_UNSIGNED_BYTE, 16, 16):
+            raise OSError("OSMesa's context cannot be made current")
+
+    def load(self, name: str) -> int:
+        return self.library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def __enter__(self) -> "OSMesaContext":
+        self.make_current()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def release(self) -> None:
+        if self.handle:
+            self.library.OSMesaDestroyContext(self.handle)
+            self.handle = None
+
+
+def _osmesa() -> moderngl.Context:
+    return moderngl.create_context(require=330, context=OSMesaContext())
+
+
+def _egl() -> moderngl.Context:
+    os.environ.setdefault("EGL_PLATFORM", "surfaceless")
+    os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "1")
+    # The names with versions are what run-time packages install; the plain ones come with development packages.
+    return moderngl.create_context(
+        require=330, standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1"
+    )
+
+
+_ways = {"osmesa": _osmesa, "egl": _egl}
+
+
+def try_ways() -> dict[str, moderngl.Context | str]:
+    """Every way's context, or why it gives none. For `doctor`; costs a context each."""
+    out: dict[str, moderngl.Context | str] = {}
+    for name, create in _ways.items():
+        try:
+            out[name] = create()
+        except Exception as error:  # each library fails in a way of its own
+            out[name] = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return out
+
+
+def create_context() -> moderngl.Context:
+    """The first way that works. Raises InfrastructureError that says why none does."""
+    forced = os.environ.get("SHADELAB_GL")
+    if forced and forced not in _ways:
+        raise InfrastructureError(f"SHADELAB_GL={forced}: must be {' or '.join(_ways)}")
+    failures = []
+    for name in [forced] if forced else _ways:
+        try:
+            context = _ways[name]()
+            context.extra = name
+            return context
+        except Exception as error:
+            failures.append(f"{name}: {error}")
+    raise InfrastructureError("no OpenGL 3.3 without a display (" + "; ".join(failures) + "); ./shadelab doctor says more")
+
+
+def describe(context: moderngl.Context) -> str:
+    """ "llvmpipe (LLVM 15.0.6, 256 bits), 3.3 (Core Profile) Mesa 22.3.6 through osmesa"."""
+    return f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']} through {context.extra}"

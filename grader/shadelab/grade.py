@@ -1,0 +1,293 @@
+"""The way of a submission: intake, build, evidence, findings, result."""
+
+import hashlib
+import platform
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+
+from shadelab import __version__, expected as expected_data, intake
+from shadelab.build import BuildError
+from shadelab.errors import InfrastructureError
+from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
+from shadelab.expected import Expected, missing_meshes
+from shadelab.findings import judge_function, judge_image
+from shadelab.manifest import Assignment, Function, Scene, named_arrays, read_toml
+from shadelab.paths import STATE, shown
+from shadelab.report.html import Pictures
+from shadelab.result import Check, Result
+from shadelab.sandbox import Sandbox
+
+BACKENDS = ("cpp", "glsl")
+
+
+@dataclass
+class Grading:
+    """A finished run: the result, and what the reports show beside it."""
+
+    result: Result
+    pictures: dict[str, Pictures] = field(default_factory=dict)
+
+
+@dataclass
+class Plan:
+    """One check that is to be made."""
+
+    id: str
+    backend: str
+    points: float
+    item: Function | Scene
+    needs: list[str]
+
+
+def plan_checks(assignment: Assignment, only: str) -> dict[str, list[Plan]]:
+    """Per backend, in the order of the data flow. Points of a function or scene are halved between the languages."""
+    plans: dict[str, list[Plan]] = {}
+    for backend in BACKENDS:
+        build = f"{backend}/build"
+        plans[backend] = [
+            Plan(f"{backend}/function/{f.name}", backend, f.points / 2, f, [build]) for f in assignment.functions
+        ]
+        for scene in assignment.scenes:
+            models = {m["model"] for m in read_toml(scene.file).get("material", {}).values()}
+            needs = [f"{backend}/function/{f.name}" for f in assignment.functions if f.name in models]
+            plans[backend].append(Plan(f"{backend}/image/{scene.name}", backend, scene.points / 2, scene, [build, *needs]))
+        plans[backend] = [p for p in plans[backend] if fnmatch(p.id, only)]
+    return plans
+
+
+def grade(
+    assignment: Assignment,
+    submission: Path,
+    out: Path | None = None,
+    only: str = "*",
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    work: Path | None = None,
+) -> Grading:
+    """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks.
+
+    `only` restricts to checks whose id matches a shell pattern; a backend without any is not built.
+    """
+    expected = expected_data.load(assignment, lambda what: progress(what, 0, 1))
+    plans = plan_checks(assignment, only)
+    total = sum(len(p) + 1 for p in plans.values() if p)
+    result = Result(
+        assignment=assignment.name,
+        submission="sha256:" + submission_digest(assignment, submission),
+        max_score=round(sum(p.points for backend in plans.values() for p in backend if not _absent(p)), 6),
+        environment=environment(expected),
+    )
+    grading = Grading(result)
+    lock = threading.Lock()
+
+    def record(check: Check, pictures: Pictures | None = None) -> None:
+        with lock:
+            result.add(check)
+            if pictures is not None:
+                grading.pictures[check.id] = pictures
+            if out is not None:
+                result.write(out / "result.json")
+            progress(check.id, len(result.checks), total)
+
+    (STATE / "work").mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix="grade-", dir=STATE / "work")) if work is None else work
+    try:
+        files = intake.take(submission, assignment, folder / "submission")
+        with ThreadPoolExecutor(len(BACKENDS)) as pool:
+            chains = [
+                pool.submit(_grade_backend, backend, assignment, expected, plans[backend], files, folder, record, result)
+                for backend in BACKENDS
+                if plans[backend]
+            ]
+            for chain in chains:
+                chain.result()
+    finally:
+        if work is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    order = {p.id: k for k, p in enumerate(p for b in BACKENDS for p in [Plan(f"{b}/build", b, 0, None, []), *plans[b]])}
+    result.checks.sort(key=lambda check: order[check.id])
+    result.complete = True
+    if out is not None:
+        result.write(out / "result.json")
+    return grading
+
+
+def _absent(plan: Plan) -> bool:
+    return isinstance(plan.item, Scene) and bool(missing_meshes(plan.item))
+
+
+def _grade_backend(
+    backend: str,
+    assignment: Assignment,
+    expected: Expected,
+    plans: list[Plan],
+    files: dict[str, str | None],
+    folder: Path,
+    record: Callable[..., None],
+    result: Result,
+) -> None:
+    sandbox = Sandbox(folder / backend)
+    runner = CppRunner(assignment, sandbox) if backend == "cpp" else GlslRunner(assignment, sandbox)
+    build = Check(id=f"{backend}/build", kind="build", backend=backend, status="passed", score=0.0, max_score=0.0)
+    source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
+    try:
+        if files[source]:
+            raise BuildError(files[source])
+        runner.build(folder / "submission")
+    except BuildError as error:
+        build.status, build.message = "failed", error.message
+    except InfrastructureError as error:
+        build.status, build.message = "error", str(error)
+    record(build)
+    if build.status != "passed":
+        for plan in plans:
+            record(_skipped(plan, f"needs {build.id}"))
+        return
+    if isinstance(runner, GlslRunner):
+        result.environment["gl"] = runner.gl
+
+    # Functions first: a scene whose model never ends would only use up the time again.
+    hung: set[str] = set()
+    functions = [p for p in plans if isinstance(p.item, Function)]
+    tasks: list[Task] = [Evaluate(p.item, expected.table(p.item)[0]) for p in functions]
+    for plan, output in _outputs(runner, functions, tasks):
+        if isinstance(output, InfrastructureError):
+            record(_our_fault(plan, output))
+            continue
+        rows, truth = expected.table(plan.item)
+        if output.array is None:
+            check = _failed(plan, "function", f"{plan.item.name} {output.failure}")
+            if output.hung:
+                hung.add(plan.id)
+        else:
+            check = judge_function(assignment, plan.item, backend, plan.points, rows, truth, output.array)
+        record(_finished(check, output))
+
+    scenes = []
+    for plan in plans:
+        if not isinstance(plan.item, Scene):
+            continue
+        if missing := missing_meshes(plan.item):
+            check = _skipped(plan, f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)")
+            check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
+            record(check)
+        elif waiting := [need for need in plan.needs if need in hung]:
+            record(_skipped(plan, f"needs {waiting[0]}, which did not end"))
+        else:
+            scenes.append(plan)
+    for plan, output in _outputs(runner, scenes, [Draw(p.item, expected.packet(p.item)) for p in scenes]):
+        if isinstance(output, InfrastructureError):
+            record(_our_fault(plan, output))
+            continue
+        if output.array is not None and output.array.shape == (shape := expected.scene(plan.item).layers.shape):
+            truth = expected.scene(plan.item)
+            judged = judge_image(plan.item, backend, plan.points, truth, output.array, plan.needs)
+            pictures = Pictures(output.array[..., :3], truth.layer("total"), truth.mask, judged.limit)
+            check = judged.check
+        else:
+            failure = output.failure or f"gave an image of shape {output.array.shape}, not {shape}"
+            check = _failed(plan, "image", f"{plan.item.name}: the render {failure}")
+            truth = expected.scene(plan.item)
+            pictures = Pictures(None, truth.layer("total"), truth.mask, np.ones_like(truth.layer("total")))
+        record(_finished(check, output), pictures)
+
+
+def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task]):
+    """(plan, output) pairs. When the machine fails us, every plan that is left gets the error instead of an output."""
+    outputs, done = runner.run(tasks), 0
+    while done < len(plans):
+        try:
+            _, output = next(outputs)
+        except InfrastructureError as error:
+            for plan in plans[done:]:
+                yield plan, error
+            return
+        yield plans[done], output
+        done += 1
+
+
+def _kind(plan: Plan) -> str:
+    return "function" if isinstance(plan.item, Function) else "image"
+
+
+def _failed(plan: Plan, kind: str, message: str) -> Check:
+    return Check(
+        id=plan.id, kind=kind, backend=plan.backend, status="failed", score=0.0, max_score=plan.points, message=message, needs=plan.needs
+    )
+
+
+def _skipped(plan: Plan, message: str) -> Check:
+    return Check(
+        id=plan.id, kind=_kind(plan), backend=plan.backend, status="skipped", score=0.0, max_score=plan.points, message=message,
+        needs=plan.needs,
+    )  # fmt: skip
+
+
+def _our_fault(plan: Plan, error: InfrastructureError) -> Check:
+    check = _skipped(plan, f"not the submission's fault: {error}")
+    check.status = "error"
+    return check
+
+
+def _finished(check: Check, output: Output) -> Check:
+    check.seconds = round(output.seconds, 4)
+    check.printed = output.printed
+    first = (output.statistics or {}).get("first_not_finite")
+    if first:
+        check.message += (
+            f"; not finite first at pixel ({first['x']}, {first['y']}), material {first['material']}: "
+            f"n = {_vector(first['n'])}, x = {_vector(first['position'])}, v = {_vector(first['v'])}"
+        )
+    return check
+
+
+def _vector(values: list) -> str:
+    return "(" + ", ".join(f"{float(v):.6g}" for v in values) + ")"
+
+
+def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Path, out: Path) -> None:
+    """Beside the reports: for each failed function check its worst input, and the line that replays it."""
+    for check in grading.result.checks:
+        if check.worst is None:
+            continue
+        name = check.id.split("/")[-1]
+        if check.kind == "function":
+            folder = out / "worst"
+            folder.mkdir(exist_ok=True)
+            file = folder / f"{check.backend}-{name}.npz"
+            columns = assignment.input_columns(assignment.function(name))
+            flat = [float(v) for values in check.worst.inputs.values() for v in values]
+            np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
+            check.worst.replay = f"./shadelab eval {shown(submission)} {name} --backend {check.backend} --inputs {shown(file)}"
+        else:
+            scene = next(s for s in assignment.scenes if s.name == name)
+            image = out / f"{check.backend}-{name}.png"
+            check.worst.replay = f"./shadelab render {shown(scene.file)} --shading {shown(submission)} --backend {check.backend} -o {shown(image)}"
+    grading.result.write(out / "result.json")
+
+
+def submission_digest(assignment: Assignment, submission: Path) -> str:
+    total = hashlib.sha256()
+    for name in assignment.files:
+        file = submission / name
+        total.update(name.encode() + b"\0" + (file.read_bytes() if file.is_file() else b"absent") + b"\0")
+    return total.hexdigest()
+
+
+def environment(expected: Expected) -> dict[str, str]:
+    cpu = platform.machine()
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                cpu = line.split(":", 1)[1].strip()
+                break
+    except OSError:
+        pass
+    return {"cpu": cpu, "sandbox": Sandbox.name, "expected": expected.folder.name, "seed_digest": "public", "version": __version__}

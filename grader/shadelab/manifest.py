@@ -1,0 +1,264 @@
+"""What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this."""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from shadelab.errors import UserError
+from shadelab.paths import FRAMEWORK, SOLUTION, shown
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+# The number of columns that a value of each type flattens to.
+_widths = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}
+_types = {"unit": "vec3", "position": "vec3", "rgb": "vec3", "cosine": "Real", "angle": "Real"}
+
+
+class _Declared(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Domain(_Declared):
+    """Where an argument's values lie. `kind` is unit, upper, position, rgb, cosine, angle, range or struct."""
+
+    kind: str = "range"
+    type: str = "Real"
+    base: str | None = None  # of upper(base): the unit argument that spans the hemisphere
+    range: tuple[float, float] | None = None
+    typical: tuple[float, float] | None = None
+    scale: str = "linear"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_form(cls, data: Any) -> Any:
+        if not isinstance(data, str):
+            return data
+        if data.startswith("upper(") and data.endswith(")"):
+            return {"kind": "upper", "type": "vec3", "base": data[6:-1]}
+        if data in _types:
+            return {"kind": data, "type": _types[data]}
+        return {"kind": "struct", "type": data}
+
+
+@dataclass(frozen=True)
+class Value:
+    """An argument of a function or a member of a struct."""
+
+    name: str
+    domain: Domain
+
+
+def _values(entries: list[dict[str, Domain]]) -> list[Value]:
+    return [Value(name, domain) for entry in entries for name, domain in entry.items()]
+
+
+class Struct(_Declared):
+    name: str
+    members: list[dict[str, Domain]]
+
+    @property
+    def values(self) -> list[Value]:
+        return _values(self.members)
+
+
+class Function(_Declared):
+    name: str
+    arguments: list[dict[str, Domain]]
+    returns: str
+    summary: str = ""
+    slide: str = ""
+    points: float = Field(0, ge=0)
+
+    @property
+    def values(self) -> list[Value]:
+        return _values(self.arguments)
+
+    @property
+    def is_model(self) -> bool:
+        """A scene's `model = "..."` can name it (the same rule as in manifest.hpp)."""
+        return self.returns == "Terms" and bool(self.arguments)
+
+
+class SceneEntry(_Declared):
+    file: str
+    points: float = Field(0, ge=0)
+
+
+class _Manifest(_Declared):
+    name: str
+    title: str
+    files: list[str]
+    given: list[str] = []
+    struct: list[Struct] = []
+    function: list[Function] = []
+    scene: list[SceneEntry] = []
+
+
+class _Interface(_Declared):
+    struct: list[Struct]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of a flattened value: `m.kd[2]` has path "m.kd", index 2, width 3."""
+
+    path: str
+    index: int
+    width: int
+    domain: Domain
+
+    def __str__(self) -> str:
+        return self.path if self.width == 1 else f"{self.path}.{'xyzw'[self.index]}"
+
+
+@dataclass
+class Assignment:
+    name: str
+    title: str
+    directory: Path
+    files: list[str]
+    given: list["Assignment"]
+    structs: dict[str, Struct]
+    functions: list[Function]
+    scenes: list["Scene"] = field(default_factory=list)
+
+    def function(self, name: str) -> Function:
+        for function in self.functions:
+            if function.name == name:
+                return function
+        known = ", ".join(f.name for f in self.functions)
+        raise UserError(f"{name}: {self.name} has no such function; it has {known}")
+
+    def columns(self, values: list[Value], prefix: str = "") -> list[Column]:
+        """The columns in the order in which plugins and shaders take them."""
+        out = []
+        for value in values:
+            path = prefix + value.name
+            if value.domain.kind == "struct":
+                out += self.columns(self.structs[value.domain.type].values, path + ".")
+            else:
+                width = _widths[value.domain.type]
+                out += [Column(path, k, width, value.domain) for k in range(width)]
+        return out
+
+    def input_columns(self, function: Function) -> list[Column]:
+        return self.columns(function.values)
+
+    def output_columns(self, function: Function) -> list[Column]:
+        """Named `result` or `result.member`."""
+        kind = "struct" if function.returns in self.structs else "range"
+        return self.columns([Value("result", Domain(kind=kind, type=function.returns))])
+
+    @property
+    def points(self) -> float:
+        return sum(f.points for f in self.functions) + sum(s.points for s in self.scenes)
+
+
+@dataclass(frozen=True)
+class Scene:
+    name: str
+    file: Path
+    points: float
+
+
+def named_arrays(columns: list[Column], rows: np.ndarray) -> dict[str, np.ndarray]:
+    """(N, columns) -> {"n": (N, 3), "m.q": (N,), ...}"""
+    out: dict[str, np.ndarray] = {}
+    for k, column in enumerate(columns):
+        if column.index == 0:
+            out[column.path] = rows[:, k] if column.width == 1 else rows[:, k : k + column.width]
+    return out
+
+
+def flat_rows(columns: list[Column], arrays: dict[str, np.ndarray], dtype: type = np.float32) -> np.ndarray:
+    """The inverse of named_arrays. Raises UserError for missing, unknown or wrongly shaped arrays."""
+    wanted = {c.path: c.width for c in columns}
+    unknown = sorted(set(arrays) - set(wanted))
+    if unknown:
+        raise UserError(f"unknown input {unknown[0]}; the inputs are {', '.join(wanted)}")
+    parts, counts = [], set()
+    for path, width in wanted.items():
+        if path not in arrays:
+            raise UserError(f"the input {path} is missing; the inputs are {', '.join(wanted)}")
+        array = np.asarray(arrays[path], dtype)
+        if array.ndim != (1 if width == 1 else 2) or (width > 1 and array.shape[1] != width):
+            shape = "(N,)" if width == 1 else f"(N, {width})"
+            raise UserError(f"the input {path} must have the shape {shape}, not {array.shape}")
+        parts.append(array.reshape(len(array), width))
+        counts.add(len(array))
+    if len(counts) > 1:
+        raise UserError("the inputs must all have the same first axis (the evaluations)")
+    return np.ascontiguousarray(np.concatenate(parts, axis=1))
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text())
+    except FileNotFoundError:
+        raise UserError(f"{shown(file)}: cannot be read; does the file exist?") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{shown(file)}: not valid TOML: {error}") from None
+
+
+def validated(model: type[BaseModel], file: Path) -> Any:
+    """The file as `model`. A mistake becomes one line that names the file and the key."""
+    try:
+        return model.model_validate(read_toml(file))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise UserError(f"{shown(file)}: {where}: {first['msg'].lower()}") from None
+
+
+def load_assignment(directory: Path) -> Assignment:
+    file = directory / "assignment.toml"
+    manifest: _Manifest = validated(_Manifest, file)
+    interface: _Interface = validated(_Interface, FRAMEWORK / "interface.toml")
+    given = [load_assignment(directory.parent / name) for name in manifest.given]
+    structs = {s.name: s for s in interface.struct}
+    for earlier in given:
+        structs.update(earlier.structs)
+    structs.update({s.name: s for s in manifest.struct})
+    assignment = Assignment(
+        manifest.name, manifest.title, directory, manifest.files, given, structs, manifest.function,
+        [Scene(Path(s.file).stem, (directory / s.file).resolve(), s.points) for s in manifest.scene],
+    )  # fmt: skip
+    for function in assignment.functions:
+        names = [v.name for v in function.values]
+        for value in function.values:
+            if value.domain.kind == "struct" and value.domain.type not in structs:
+                raise UserError(f"{shown(file)}: {function.name}.{value.name}: unknown domain {value.domain.type}")
+            if value.domain.kind == "upper" and value.domain.base not in names:
+                raise UserError(f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument")
+    return assignment
+
+
+def assignment_names() -> list[str]:
+    """Those that can be graded: the ones with points."""
+    names = sorted(f.parent.name for f in SOLUTION.glob("*/assignment.toml"))
+    return [name for name in names if load_assignment(SOLUTION / name).points > 0]
+
+
+def find_assignment(submission: Path, name: str | None) -> Assignment:
+    """The assignment that a submission answers: by option, by its assignment.toml, or by its folder's name.
+
+    The manifest itself is always ours: a student's copy only tells the name.
+    """
+    known = assignment_names()
+    if name is None and (submission / "assignment.toml").is_file():
+        declared = read_toml(submission / "assignment.toml").get("name")
+        name = declared if declared in known else None
+    if name is None and submission.resolve().name in known:
+        name = submission.resolve().name
+    if name is None:
+        raise UserError(f"{shown(submission)}: which assignment is it? Give --assignment {' or '.join(known)}")
+    if name not in known:
+        raise UserError(f"--assignment {name}: there is no such assignment; there is {', '.join(known)}")
+    return load_assignment(SOLUTION / name)

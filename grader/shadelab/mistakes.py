@@ -1,0 +1,118 @@
+"""Declared mistakes and correct variants (solution/NAME/mistakes.toml): other bodies for the functions of the solution.
+
+    [[mistake]]
+    id = "phong-lobe-exponent-forgotten"
+    function = "phong_lobe"
+    hint = "..."                      # leads to the mistake without giving the line away
+    body = '''...'''                  # stands in both languages; cpp and glsl override it
+
+    [[variant]]                       # correct, written another way: must lose nothing
+    id = "..."
+    bodies = { phong_lobe = '''...''' }
+"""
+
+import re
+from pathlib import Path
+
+from pydantic import model_validator
+
+from shadelab.errors import UserError
+from shadelab.manifest import Assignment, _Declared, validated
+from shadelab.paths import shown
+
+BACKENDS = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
+
+
+class Change(_Declared):
+    """A mistake (one function, with a hint) or a variant (one or more functions)."""
+
+    id: str
+    function: str = ""
+    hint: str = ""
+    body: str | None = None
+    cpp: str | None = None
+    glsl: str | None = None
+    bodies: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Change":
+        if not self.bodies and not (self.function and (self.body or (self.cpp and self.glsl))):
+            raise ValueError("needs function and body (or cpp and glsl), or bodies")
+        return self
+
+    def bodies_for(self, backend: str) -> dict[str, str]:
+        if self.bodies:
+            return self.bodies
+        return {self.function: getattr(self, backend) or self.body}
+
+
+class Changes(_Declared):
+    mistake: list[Change] = []
+    variant: list[Change] = []
+
+
+def load_changes(assignment: Assignment) -> Changes:
+    file = assignment.directory / "mistakes.toml"
+    changes: Changes = validated(Changes, file)
+    names = {f.name for f in assignment.functions}
+    seen: set[str] = set()
+    for change in [*changes.mistake, *changes.variant]:
+        if change.id in seen:
+            raise UserError(f"{shown(file)}: {change.id} is declared twice")
+        seen.add(change.id)
+        for function in change.bodies_for("cpp"):
+            if function not in names:
+                raise UserError(f"{shown(file)}: {change.id}: {assignment.name} has no function {function}")
+    for mistake in changes.mistake:
+        if not mistake.hint or not mistake.function:
+            raise UserError(f"{shown(file)}: {mistake.id}: a mistake needs its function and a hint")
+    return changes
+
+
+_region = re.compile(r"^(?P<indent> *)// STUDENT BEGIN: (?P<task>.*)\n(?P<body>(?:.*\n)*?) *// STUDENT END: (?P<stub>.*)\n", re.MULTILINE)
+
+
+def regions(text: str, file: Path) -> dict[str, re.Match]:
+    """The marked part of each function, by the function's name."""
+    out = {}
+    for match in _region.finditer(text):
+        opening = [m for m in re.finditer(r"^\w+ (\w+)\([^;{]*\) \{$", text[: match.start()], re.MULTILINE)]
+        if not opening:
+            raise UserError(f"{shown(file)}: a STUDENT BEGIN stands outside of any function")
+        out[opening[-1].group(1)] = match
+    return out
+
+
+def with_bodies(text: str, file: Path, bodies: dict[str, str]) -> str:
+    """The solution's text with other bodies in the marked parts."""
+    marked = regions(text, file)
+    for name in bodies:
+        if name not in marked:
+            raise UserError(f"{shown(file)}: {name} has no STUDENT BEGIN … STUDENT END to put another body in")
+    for name in sorted(bodies, key=lambda n: -marked[n].start()):
+        match = marked[name]
+        lines = [match["indent"] + line if line.strip() else line for line in bodies[name].strip("\n").splitlines()]
+        text = text[: match.start()] + "\n".join(lines) + "\n" + text[match.end() :]
+    return text
+
+
+def write_submission(assignment: Assignment, change: Change, folder: Path) -> None:
+    """A whole submission that differs from the solution by this change."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for backend, name in BACKENDS.items():
+        source = assignment.directory / name
+        (folder / name).write_text(with_bodies(source.read_text(), source, change.bodies_for(backend)))
+
+
+def callers(assignment: Assignment, functions: set[str]) -> set[str]:
+    """These functions and those that call them, directly or through others, in the solution."""
+    text = (assignment.directory / "shading.cpp").read_text()
+    bodies = {
+        m.group(1): m.group(2) for m in re.finditer(r"^\w+ (\w+)\([^;{]*\) \{\n((?:.*\n)*?)\}\n", text, re.MULTILINE)
+    }
+    out = set(functions)
+    while True:
+        grown = out | {name for name, body in bodies.items() if any(re.search(rf"\b{f}\(", body) for f in out)}
+        if grown == out:
+            return out
+        out = grown

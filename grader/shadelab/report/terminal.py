@@ -1,0 +1,259 @@
+"""The result in a terminal, and the words and numbers that the HTML report shares with it."""
+
+import re
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from shadelab.paths import shown
+from shadelab.result import Check, Result
+
+BACKENDS = {"cpp": "C++", "glsl": "GLSL"}
+FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
+# In the order in which data flows: what comes first is to be mended first.
+KINDS = {
+    "build": "Build", "function": "Functions", "image": "Images", "parity": "Parity", "stability": "Stability",
+    "custom": "Further checks", "runtime": "Run time",
+}  # fmt: skip
+SYMBOLS = {"passed": "✓", "failed": "✗", "skipped": "–", "error": "!"}
+ASCII_SYMBOLS = {"passed": "+", "failed": "X", "skipped": "-", "error": "!"}
+STATUS = {"passed": "passed", "failed": "failed", "skipped": "skipped", "error": "grader error"}
+OUR_FAULT = "The grader's fault, not yours. Run it again; if it happens again, show this to the course staff."
+
+_STYLES = {"passed": "green", "failed": "bold red", "skipped": "dim", "error": "yellow"}
+_MESSAGE_LINES = 8
+
+
+# --- Words and numbers ---
+
+
+def plain(text: object) -> str:
+    """Text that a student controls, made harmless: what would steer a terminal or reorder the page becomes visible."""
+    return "".join(map(_visible, str(text).replace("\r\n", "\n")))
+
+
+def _visible(character: str) -> str:
+    if character in "\n\t":
+        return character
+    category = unicodedata.category(character)
+    if category == "Cc":
+        return chr(0x2400 + ord(character)) if ord(character) < 32 else "␡" if ord(character) == 127 else "\ufffd"
+    if category in ("Zl", "Zp"):
+        return "\n"
+    return "\ufffd" if category in ("Cf", "Cs") else character
+
+
+def number(value: Any) -> str:
+    """Six significant digits; None stands for what is not finite."""
+    if value is None:
+        return "not finite"
+    return f"{value:.6g}" if isinstance(value, float) else plain(value)
+
+
+def points(value: float) -> str:
+    return f"{round(value, 2):.10g}"
+
+
+def label(check: Check) -> str:
+    """The part of the id that differs within a backend and a kind: half_vector of cpp/function/half_vector."""
+    return plain(check.id.removeprefix(f"{check.backend}/").removeprefix(f"{check.kind}/"))
+
+
+def error_text(check: Check) -> str:
+    return f"{number_short(check.error.value)} / {number_short(check.error.limit)}" if check.error else ""
+
+
+def number_short(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.3g}"
+
+
+def components(value: Any, name: str, letters: str = "xyzw") -> Iterator[tuple[str, Any]]:
+    """The numbers in a value of a result, each with a name: result.y, result.diffuse.z, result[7]."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from components(item, f"{name}.{plain(key)}" if name else plain(key), letters)
+    elif isinstance(value, list | tuple):
+        vector = 1 < len(value) <= len(letters) and not any(isinstance(v, list | tuple | dict) for v in value)
+        for k, item in enumerate(value):
+            alone = len(value) == 1 or isinstance(item, dict)
+            yield from components(item, name if alone else f"{name}.{letters[k]}" if vector else f"{name}[{k}]", letters)
+    else:
+        yield name, value
+
+
+def compared(check: Check) -> list[tuple[str, Any, Any, bool]]:
+    """Of the worst input: each component's name, expected and actual value, and whether it is wrong.
+
+    A result does not carry every component's own tolerance, so the limit is applied to the components of this one input.
+    """
+    letters = "rgb" if check.kind == "image" else "xyzw"
+    name = "colour" if check.kind == "image" else "result"
+    expected, actual = (list(components(v, name, letters)) for v in (check.worst.expected, check.worst.actual))
+    names = [n for n, _ in max(expected, actual, key=len)]
+    pad = [(None, "none")] * len(names)
+    pairs = [(e, a) for _, (_, e), (_, a) in zip(names, expected + pad, actual + pad)]
+    limit = check.error.limit if check.error else 1e-3
+    scale = max((abs(e) for e, _ in pairs if isinstance(e, int | float)), default=0.0)
+    errors = []
+    for e, a in pairs:
+        if isinstance(e, int | float) and isinstance(a, int | float):
+            errors.append(0.0 if a == e else abs(a - e) / (abs(e) + 1e-3 * scale or 1e-30))
+        else:
+            errors.append(0.0 if a == e else float("inf"))
+    bar = min(limit, max(errors, default=0.0))
+    return [(n, e, a, error > 0 and error >= bar) for n, (e, a), error in zip(names, pairs, errors)]
+
+
+# --- What to say first ---
+
+
+def in_order(result: Result, *statuses: str) -> list[Check]:
+    """The checks of these statuses in data-flow order, the two backends' checks of one thing side by side."""
+    kinds, names = list(KINDS), list(dict.fromkeys(label(c) for c in result.checks))
+    chosen = [c for c in result.checks if c.status in statuses]
+    return sorted(chosen, key=lambda c: (kinds.index(c.kind), names.index(label(c))))
+
+
+def first_step(result: Result) -> tuple[str, Check | None]:
+    """One sentence of what to do first, and the check that it speaks of."""
+    failed, errors, skipped = (in_order(result, s) for s in ("failed", "error", "skipped"))
+    if failed:
+        check = failed[0]
+        waiting = sum(check.id in c.needs for c in result.checks)
+        if check.kind == "build":
+            what = f"Make {FILES[check.backend]} compile first"
+        elif check.kind == "function":
+            what = f"Start with {label(check)} in {FILES[check.backend]}"
+        elif check.kind == "image":
+            what = f"Start with the image {label(check)}, drawn with {BACKENDS[check.backend]}"
+        else:
+            what = f"Start with {plain(check.id)}"
+        if waiting:
+            what += f"; {waiting} other {'check waits' if waiting == 1 else 'checks wait'} for it"
+        why = "" if check.kind == "build" else plain(check.mistake.hint if check.mistake else check.message).strip()
+        return f"{what}: {_shortened(why.splitlines()[0])}" if why else f"{what}.", check
+    if errors:
+        return f"Nothing of yours failed, but the grader did, at {plain(errors[0].id)}: run it again.", errors[0]
+    if not result.complete:
+        return "Nothing failed so far, but grading was cut off: run it again.", None
+    if skipped:
+        return "Nothing failed; see why some checks were skipped.", None
+    return "Nothing to mend: every check passes.", None
+
+
+def _shortened(text: str, width: int = 160) -> str:
+    return text if len(text) <= width else text[: width - 1].rstrip() + "…"
+
+
+def waits_for(check: Check, result: Result) -> list[str]:
+    """The ids in `needs` that did not pass."""
+    passed = {c.id for c in result.checks if c.status == "passed"}
+    return [plain(need) for need in check.needs if need not in passed] or [plain(need) for need in check.needs]
+
+
+# --- The terminal ---
+
+
+def print_result(result: Result, console: Console, html: Path | None) -> None:
+    """For ten seconds: a table, the score, then a few lines for each check that failed."""
+    symbols = ASCII_SYMBOLS if console.options.ascii_only else SYMBOLS
+
+    def say(text: str, style: str = "", indent: int = 0) -> None:
+        if console.options.ascii_only:
+            text = text.replace("…", "...").encode("ascii", "replace").decode()
+        console.print(Padding(Text(text.expandtabs(4), style, overflow="fold"), (0, 0, 0, indent)))
+
+    if result.checks:
+        console.print(_table(result, symbols))
+    say(f"Score: {points(result.score)} of {points(result.max_score)} points", "bold")
+    if not result.complete:
+        say("Grading was cut off before its end: this is what was earned until then.", "yellow")
+    say(first_step(result)[0])
+    width = console.width - 2
+    for check in in_order(result, "failed", "error"):
+        say("")
+        cost = f"  {points(check.score)} of {points(check.max_score)} points" if check.max_score else ""
+        say(f"{symbols[check.status]} {plain(check.id)}{cost}", _STYLES[check.status])
+        if check.status == "error":
+            say(OUR_FAULT, indent=2)
+        lines = plain(check.message).strip("\n").splitlines()
+        for line in lines[:_MESSAGE_LINES]:
+            say(_shortened(line, 4 * width), indent=2)
+        if len(lines) > _MESSAGE_LINES:
+            say(f"… {len(lines) - _MESSAGE_LINES} more lines", indent=2)
+        if check.mistake:
+            say(f"Hint: {plain(check.mistake.hint)}", indent=2)
+        if check.worst:
+            for line in _worst_lines(check):
+                say(_shortened(" ".join(line.split()), width), indent=2)
+            if check.worst.replay:
+                for line in _command_lines(plain(check.worst.replay), width):
+                    say(line, "bold", indent=2)
+    if html:
+        say("")
+        say(f"Details and pictures: {plain(shown(html))}")
+
+
+def _table(result: Result, symbols: dict[str, str]) -> Table:
+    backends = [b for b in BACKENDS if any(c.backend == b for c in result.checks)]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table.add_column("check", overflow="fold")
+    for backend in backends:
+        table.add_column(BACKENDS[backend], no_wrap=True)
+    kind = None
+    wide = max(len(points(c.score)) for c in result.checks)
+    checks = in_order(result, *STATUS)
+    for (this_kind, name), row in {(c.kind, label(c)): None for c in checks}.items():
+        of_backend = {c.backend: c for c in checks if (c.kind, label(c)) == (this_kind, name)}
+        if this_kind != kind and kind is not None:
+            table.add_section()
+        kind = this_kind
+        prefix = "" if name == this_kind or this_kind == "function" else f"{this_kind} "
+        cells = [_cell(of_backend.get(b), symbols, wide) for b in backends]
+        table.add_row(Text(prefix + name.replace("\n", " ")), *cells)
+    return table
+
+
+def _cell(check: Check | None, symbols: dict[str, str], wide: int) -> Text:
+    if check is None:
+        return Text("")
+    words = STATUS[check.status]
+    if check.max_score and check.status in ("passed", "failed"):
+        words = f"{points(check.score):>{wide}} / {points(check.max_score)}"
+    return Text(f"{symbols[check.status]} {words}", _STYLES[check.status])
+
+
+def _worst_lines(check: Check) -> Iterator[str]:
+    """The input in one line, the result in another: all of a vector, the wrong components of anything larger."""
+    inputs = (f"{plain(name)} = {_tuple(value)}" for name, value in check.worst.inputs.items())
+    if check.worst.inputs:
+        yield "at " + ", ".join(inputs)
+    rows = compared(check)
+    if rows and len(rows) <= 4:
+        yield f"expected {_tuple([e for _, e, _, _ in rows])}, yours {_tuple([a for _, _, a, _ in rows])}"
+    elif rows:
+        yield "; ".join(f"{name}: expected {number(e)}, yours {number(a)}" for name, e, a, wrong in rows if wrong)
+
+
+def _tuple(value: Any) -> str:
+    numbers = [number(v) for _, v in components(value, "")]
+    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+
+
+def _command_lines(command: str, width: int) -> list[str]:
+    """A command broken between its words with backslashes, so that it can still be copied."""
+    lines = [""]
+    for word in re.findall(r"""(?:'[^']*'|"[^"]*"|\S)+""", command):
+        if lines[-1] and len(lines[-1]) + len(word) + 3 > width:
+            lines[-1] += " \\"
+            lines.append("    " + word)
+        else:
+            lines[-1] += (" " if lines[-1] else "") + word
+    return lines

@@ -1,0 +1,74 @@
+"""result.json: the one record of a grading run. Reports are made from it."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+SCHEMA = "shadelab/result/1"
+
+
+class Error(BaseModel):
+    name: str
+    value: float | None  # None when it is not finite
+    limit: float
+    floor: float | None = None
+
+
+class Worst(BaseModel):
+    """The input or pixel that is farthest off."""
+
+    inputs: dict[str, Any]
+    expected: list[Any]
+    actual: list[Any]
+    replay: str = ""
+
+
+class Mistake(BaseModel):
+    id: str
+    hint: str
+    margin: float
+
+
+class Check(BaseModel):
+    id: str
+    kind: Literal["build", "function", "image", "parity", "stability", "runtime", "custom"]
+    backend: Literal["cpp", "glsl"]
+    status: Literal["passed", "failed", "skipped", "error"]
+    score: float
+    max_score: float
+    error: Error | None = None
+    seconds: float = 0.0
+    message: str = ""
+    printed: str = ""
+    mistake: Mistake | None = None
+    needs: list[str] = []
+    worst: Worst | None = None
+
+
+class Result(BaseModel):
+    schema_: str = SCHEMA
+    assignment: str
+    submission: str
+    score: float = 0.0
+    max_score: float = 0.0
+    complete: bool = False
+    checks: list[Check] = []
+    environment: dict[str, str] = {}
+
+    def add(self, check: Check) -> None:
+        self.checks.append(check)
+        self.score = round(sum(c.score for c in self.checks), 6)
+
+    def to_json(self) -> str:
+        data = self.model_dump()
+        data = {"schema": data.pop("schema_"), **data}
+        return json.dumps(data, indent=1, allow_nan=False) + "\n"
+
+    def write(self, file: Path) -> None:
+        """Atomically: whoever reads, or kills us, finds a whole file."""
+        temporary = file.with_name(file.name + ".part")
+        temporary.write_text(self.to_json())
+        os.replace(temporary, file)

@@ -1,0 +1,125 @@
+"""The seam behind which student code runs, its compilation included.
+
+Everything that touches a student's file goes through `Sandbox`; nothing else starts processes on it. This sandbox sets limits
+(time, memory, file size, no core dumps), a bare environment and a process group that dies as a whole. It does not yet hide the
+file system or the network.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from shadelab.errors import InfrastructureError
+
+OUTPUT_KEPT = 4096  # bytes of what the code prints that a report shows
+
+
+@dataclass(frozen=True)
+class Limits:
+    seconds: float = 10.0
+    memory: int = 2 << 30  # address space, bytes
+    file_size: int = 256 << 20
+
+
+@dataclass
+class Outcome:
+    """How a child process ended."""
+
+    returncode: int  # negative: the signal that ended it
+    timed_out: bool
+    seconds: float
+    stdout: bytes  # the first OUTPUT_KEPT bytes
+    stderr: str
+
+    @property
+    def ok(self) -> bool:
+        return self.returncode == 0 and not self.timed_out
+
+    def explain(self, limits: Limits) -> str:
+        """What happened, for a student."""
+        if self.timed_out:
+            return f"did not end within {limits.seconds:g} s (an endless loop?)"
+        if self.returncode < 0:
+            name = signal.Signals(-self.returncode).name
+            meanings = {
+                "SIGSEGV": "it read or wrote memory that is not its own, or recursed without end",
+                "SIGFPE": "an integer was divided by zero",
+                "SIGABRT": "an exception or failed assertion",
+                "SIGKILL": "the system ended it, perhaps for its use of memory",
+                "SIGXFSZ": "it wrote too much",
+                "SIGXCPU": "it used up its processor time",
+            }
+            return f"crashed with {name}" + (f": {meanings[name]}" if name in meanings else "")
+        last = self.stderr.strip().splitlines()
+        return f"ended with exit code {self.returncode}" + (f": {last[-1]}" if last else "")
+
+
+class Sandbox:
+    """Runs commands on behalf of one submission. `folder` is all that they need to write to."""
+
+    name = "limits only (time, memory, file size, bare environment)"
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "tmp").mkdir(exist_ok=True)
+        if not shutil.which("prlimit"):
+            raise InfrastructureError("prlimit is missing: install util-linux")
+
+    def environment(self, extra: dict[str, str]) -> dict[str, str]:
+        tmp = str(self.folder / "tmp")
+        return {
+            "PATH": "/usr/bin:/bin", "HOME": tmp, "TMPDIR": tmp, "LANG": "C.UTF-8",
+            "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1", **extra,
+        }  # fmt: skip
+
+    def run(
+        self,
+        command: list[str],
+        limits: Limits = Limits(),
+        environment: dict[str, str] | None = None,
+        cwd: Path | None = None,
+        watch: Callable[[], bool] | None = None,
+    ) -> Outcome:
+        """Runs to the end, to the time limit, or until `watch` (asked every 20 ms) says to stop."""
+        limited = [
+            "prlimit", f"--as={limits.memory}", f"--fsize={limits.file_size}", "--core=0",
+            f"--cpu={int(limits.seconds * (os.cpu_count() or 1)) + 1}", *command,
+        ]  # fmt: skip
+        output, errors = self.folder / "tmp" / "stdout", self.folder / "tmp" / "stderr"
+        # Files and not pipes: code that prints without end meets the file size limit, and nobody has to drain it.
+        with open(output, "wb") as out, open(errors, "wb") as err:
+            start = time.perf_counter()
+            process = subprocess.Popen(
+                limited, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd or self.folder,
+                env=self.environment(environment or {}), start_new_session=True,
+            )  # fmt: skip
+            stopped = False
+            try:
+                while True:
+                    elapsed = time.perf_counter() - start
+                    try:
+                        # Short commands end within the first waits; the polling gets coarser with time.
+                        process.wait(timeout=min(0.02, max(0.001, elapsed)))
+                        break
+                    except subprocess.TimeoutExpired:
+                        stopped = time.perf_counter() - start > limits.seconds or (watch is not None and watch())
+                        if stopped:
+                            break
+            finally:
+                try:
+                    os.killpg(process.pid, signal.SIGKILL)  # whatever the command left running goes with it
+                except ProcessLookupError:
+                    pass
+                process.wait()
+            seconds = time.perf_counter() - start
+        with open(output, "rb") as out:
+            kept = out.read(OUTPUT_KEPT)
+        with open(errors, "rb") as err:
+            text = err.read(1 << 20).decode(errors="replace")
+        return Outcome(process.returncode, stopped, seconds, kept, text)

@@ -1,0 +1,54 @@
+"""starter/NAME, made from solution/NAME: what stands between the STUDENT marks is replaced by a stub that compiles and draws."""
+
+import re
+import shutil
+from pathlib import Path
+
+from shadelab.errors import UserError
+from shadelab.manifest import Assignment
+from shadelab.mistakes import regions
+from shadelab.paths import STARTER, shown
+
+
+def starter_files(assignment: Assignment) -> dict[str, bytes]:
+    out: dict[str, bytes] = {}
+    for name in assignment.files:
+        source = assignment.directory / name
+        text = source.read_text()
+        marked = sorted(regions(text, source).values(), key=lambda m: -m.start())
+        if not marked:
+            raise UserError(f"{shown(source)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write")
+        for match in marked:
+            indent = match["indent"]
+            stub = f"{indent}// TODO: {match['task']}\n{indent}{match['stub']}\n"
+            text = text[: match.start()] + stub + text[match.end() :]
+        out[name] = text.encode()
+    out["assignment.toml"] = (assignment.directory / "assignment.toml").read_bytes()
+    handout = assignment.directory / "handout.md"
+    out["handout.md"] = handout.read_bytes()
+    for picture in re.findall(r"\]\(((?!https?:)[^)#]+\.(?:png|svg))\)", handout.read_text()):
+        out[picture] = (assignment.directory / picture).read_bytes()
+    return out
+
+
+def write_starter(assignment: Assignment) -> Path:
+    folder = STARTER / assignment.name
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, data in starter_files(assignment).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def differences(assignment: Assignment) -> list[str]:
+    """What in starter/NAME is not what the solution generates: one line per file."""
+    folder, wanted = STARTER / assignment.name, starter_files(assignment)
+    present = {str(f.relative_to(folder)) for f in folder.rglob("*") if f.is_file()} if folder.is_dir() else set()
+    out = [f"{shown(folder / name)}: is missing" for name in wanted if name not in present]
+    out += [f"{shown(folder / name)}: the solution does not generate it" for name in sorted(present - set(wanted))]
+    out += [
+        f"{shown(folder / name)}: differs from what {shown(assignment.directory / name)} generates"
+        for name, data in wanted.items()
+        if name in present and (folder / name).read_bytes() != data
+    ]
+    return out

@@ -1,0 +1,133 @@
+"""Input tables for function checks, drawn from the declared domains.
+
+Uniform directions miss a narrow lobe (at q = 512 one input in eighty sees it), so half of the rows lie close to where shading
+functions change quickly: for a direction declared upper(n) that is n itself, the horizon, and, when an earlier direction l of
+the same hemisphere stands in the row, l and the mirror image of l (for which the half vector is n). Distances are log-spaced.
+"""
+
+import numpy as np
+
+from shadelab.manifest import Assignment, Domain, Function, Value
+
+ROWS = 4096
+# float32 inputs decide which side of the horizon a direction lies on only down to about 1e-7; nearer rows would judge rounding.
+NEAREST_HORIZON = 1e-6
+NEAREST_PEAK = 1e-4
+
+
+def make_table(assignment: Assignment, function: Function, seed: int, rows: int = ROWS) -> np.ndarray:
+    """(rows, columns) float32 over the typical domains and the gates. The same seed gives the same table."""
+    rng = np.random.default_rng([seed, *function.name.encode()])
+    drawn: dict[str, np.ndarray] = {}
+    _draw_values(assignment, function.values, "", rows, rng, drawn)
+    _gate_rows(function, drawn)
+    columns = assignment.input_columns(function)
+    paths = list(dict.fromkeys(c.path for c in columns))
+    return np.concatenate([drawn[p].reshape(rows, -1) for p in paths], axis=1).astype(np.float32)
+
+
+def _draw_values(
+    assignment: Assignment, values: list[Value], prefix: str, rows: int, rng: np.random.Generator, drawn: dict[str, np.ndarray]
+) -> None:
+    # A hemisphere's normal is drawn before the directions that refer to it, wherever it stands in the argument list.
+    for value in sorted(values, key=lambda v: v.domain.kind == "upper"):
+        path = prefix + value.name
+        if value.domain.kind == "struct":
+            _draw_values(assignment, assignment.structs[value.domain.type].values, path + ".", rows, rng, drawn)
+        elif value.domain.kind == "upper":
+            normal = drawn[prefix + value.domain.base]
+            others = [
+                drawn[prefix + v.name]
+                for v in values
+                if v.domain.kind == "upper" and v.domain.base == value.domain.base and prefix + v.name in drawn
+            ]
+            drawn[path] = _upper(normal, others, rng)
+        else:
+            drawn[path] = _typical(value.domain, rows, rng)
+
+
+def _typical(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
+    if domain.kind == "unit":
+        return _unit(rng.normal(size=(rows, 3)))
+    if domain.kind == "position":
+        return rng.uniform(-5, 5, size=(rows, 3))
+    if domain.kind == "rgb":
+        return rng.uniform(0, 1, size=(rows, 3))
+    if domain.kind == "cosine":
+        return _half_near_ends(rng.uniform(0, 1, rows), 0.0, 1.0, rng)
+    if domain.kind == "angle":
+        return rng.uniform(0, np.pi / 2, rows)
+    low, high = domain.typical or domain.range
+    width = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}[domain.type]
+    if domain.type == "int":
+        values = rng.integers(int(low), int(high) + 1, size=(rows, width)).astype(float)
+    elif domain.scale == "log":
+        values = np.exp(rng.uniform(np.log(low), np.log(high), size=(rows, width)))
+    else:
+        values = rng.uniform(low, high, size=(rows, width))
+    return values[:, 0] if width == 1 else values
+
+
+def _half_near_ends(values: np.ndarray, low: float, high: float, rng: np.random.Generator) -> np.ndarray:
+    near = rng.random(len(values)) < 0.5
+    distance = _log_distances(len(values), NEAREST_HORIZON, rng) * (high - low) / 2
+    ends = np.where(rng.random(len(values)) < 0.5, low + distance, high - distance)
+    return np.where(near, ends, values)
+
+
+def _log_distances(rows: int, nearest: float, rng: np.random.Generator) -> np.ndarray:
+    return np.exp(rng.uniform(np.log(nearest), 0, rows))
+
+
+def _upper(normal: np.ndarray, others: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
+    """Half of the rows: uniform over the hemisphere, one in eight of them below it. The other half: near a landmark."""
+    rows = len(normal)
+    uniform = _unit(rng.normal(size=(rows, 3)))
+    side = np.sign(np.sum(uniform * normal, axis=1)) * np.where(rng.random(rows) < 1 / 8, -1, 1)
+    uniform *= side[:, None]
+
+    landmarks = [normal]
+    for other in others:
+        landmarks += [other, 2 * np.sum(normal * other, axis=1, keepdims=True) * normal - other]
+    choice = rng.integers(len(landmarks) + 1, size=rows)  # the last one is the horizon
+    near = _unit(rng.normal(size=(rows, 3)))
+    for k, landmark in enumerate(landmarks):
+        near = np.where((choice == k)[:, None], _rotated(landmark, _log_distances(rows, NEAREST_PEAK, rng), rng), near)
+    elevation = _log_distances(rows, NEAREST_HORIZON, rng) * np.where(rng.random(rows) < 0.5, 1, -1)
+    tangent = _unit(np.cross(normal, rng.normal(size=(rows, 3))))
+    horizon = tangent * np.cos(elevation)[:, None] + normal * np.sin(elevation)[:, None]
+    near = np.where((choice == len(landmarks))[:, None], horizon, near)
+    return _unit(np.where((rng.random(rows) < 0.5)[:, None], uniform, near))
+
+
+def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
+    """The last rows stand exactly on the gates. Axis-aligned vectors: their dot products are exact in every arithmetic."""
+    bases = {v.domain.base for v in function.values if v.domain.kind == "upper"}
+    if not bases:
+        return
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    uppers = [v.name for v in function.values if v.domain.kind == "upper"]
+    count = 36
+    for row in range(count):
+        drawn[next(iter(bases))][-1 - row] = axes[1]
+        for k, name in enumerate(uppers):
+            drawn[name][-1 - row] = axes[(row // 6**k) % 6]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def _rotated(v: np.ndarray, angle: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    tangent = _unit(np.cross(v, rng.normal(size=v.shape)))
+    return v * np.cos(angle)[:, None] + tangent * np.sin(angle)[:, None]
+
+
+def renormalised(assignment: Assignment, function: Function, rows: np.ndarray) -> np.ndarray:
+    """float64 rows for the truth: arguments declared unit or upper are what the float32 numbers stand for, unit vectors."""
+    out = rows.astype(np.float64)
+    for k, column in enumerate(assignment.input_columns(function)):
+        if column.index == 0 and column.domain.kind in ("unit", "upper"):
+            vectors = out[:, k : k + 3]
+            out[:, k : k + 3] = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return out
