@@ -127,6 +127,7 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
         for (int k = 0; k < table.model_count; ++k) found |= material.model == table.models[k].name;
         if (!found) throw InfrastructureError(options.plugin + ": the plugin does not hold the model " + material.model + "; build it again");
     }
+    if (loaded.features.term_layers && !table.layers) throw InfrastructureError(options.plugin + ": the plugin was built without layers");
     const FilmSettings& film = loaded.scene.film;
     Film image(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
     const DrawStatistics statistics = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image);

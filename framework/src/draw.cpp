@@ -53,7 +53,7 @@ struct Frame {
 template <class Real>
 void shade(const Frame<Real>& frame, const DrawnObject<Real>& object, FragmentBatch<Real>& batch) {
     for (int k = 0; k < frame.layers_out; ++k) std::fill(batch.out[k], batch.out[k] + batch.count, Real(0));
-    plugin::Batch<Real> arguments{batch.count, frame.layers_out == 12, {}, {}};
+    plugin::Batch<Real> arguments{batch.count, {}, {}};
     for (int k = 0; k < 9; ++k) arguments.in[k] = batch.in[k];
     for (int k = 0; k < 12; ++k) arguments.out[k] = batch.out[k];
     for (const std::vector<Real>& light : frame.lights)
@@ -333,7 +333,7 @@ void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, co
             }
         }
     }
-    if (frame.layers_out != 12) return;
+    if (!frame.features.term_layers) return;
     for (int layer = 1; layer <= 3; ++layer)
         for (int i = 0; i < batch.count; ++i)
             for (int c = 0; c < 3; ++c)
@@ -390,7 +390,7 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
                     Film& film) {
     DrawStatistics statistics;
     const double start = now_ms();
-    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), features.term_layers ? 12 : 3};
+    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.layers ? 12 : 3};
     for (int i : features.lights) {
         const std::vector<double> light = scene.lights[i].flatten();
         frame.lights.emplace_back(light.begin(), light.end());

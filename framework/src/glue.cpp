@@ -108,7 +108,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
     std::ostringstream out;
     out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, so that the\n"
            "// compiler inlines the functions into the loops and vectorises them.\n"
-           "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n";
+           "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
+           "#ifndef SHADELAB_LAYERS\n#define SHADELAB_LAYERS 1\n#endif\n\n";
     for (const Manifest& earlier : manifest.given)
         out << "namespace given {\n#include \"" << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
             << "\"\n}\n";
@@ -123,10 +124,12 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
     collect_models(manifest, models);
     for (const Function& model : models) {
         const std::string material = model.arguments[0].type;
-        for (int kind = 0; kind < 3; ++kind)
-            for (const bool layers : {false, true}) {
+        for (const bool layers : {false, true}) {
+            // Two loops are written and one is compiled: a plugin serves those who want the layers or those who do not.
+            out << (layers ? "#else\n" : "#if !SHADELAB_LAYERS\n");
+            for (int kind = 0; kind < 3; ++kind) {
                 out << "__attribute__((noinline, flatten)) static void shade_" << model.name << "_" << kind_names[kind]
-                    << (layers ? "_layers" : "") << "(\n    int count, " << inputs
+                    << "(\n    int count, " << inputs
                     << ",\n    Real* __restrict tr, Real* __restrict tg, Real* __restrict tb";
                 if (layers)
                     for (const std::string& term : terms)
@@ -148,6 +151,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                             << "_b[i] += " << term << ".z;\n";
                 out << "    }\n}\n";
             }
+        }
+        out << "#endif\n";
         for (int kind = 0; kind < 3; ++kind) {
             const std::string name = "shade_" + model.name + "_" + kind_names[kind];
             const auto column = [&](const char* array) { return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; }; };
@@ -157,10 +162,9 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                 << "    const Real* const* in = batch.in;\n    Real* const* out = batch.out;\n"
                 << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material")) << ";\n"
                 << "    const Light source = " << rebuild(manifest, "Light", l, true, column("light")) << ";\n"
-                << "    if (batch.layers)\n        " << name << "_layers(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8],\n"
-                << "            out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], out[11], m, source);\n"
-                << "    else\n        " << name << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8],\n"
-                << "            out[0], out[1], out[2], m, source);\n}\n";
+                << "    " << name << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8], out[0], out[1], out[2],\n"
+                << "#if SHADELAB_LAYERS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], out[11],\n#endif\n"
+                << "        m, source);\n}\n";
         }
     }
 
@@ -188,7 +192,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", " << manifest.columns(function.returns)
             << ", evaluate_" << function.name << "},\n";
     out << "};\nextern \"C\" __attribute__((visibility(\"default\"))) const shadelab::plugin::Table<Real> shadelab_plugin = {\n"
-        << "    shadelab::plugin::abi_version, int(sizeof(Real)), " << models.size() << ", " << manifest.functions.size()
+        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_LAYERS, " << models.size() << ", " << manifest.functions.size()
         << ", model_table, function_table};\n";
     return out.str();
 }

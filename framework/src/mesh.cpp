@@ -121,7 +121,12 @@ ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
     for (const size_t vertex : checked.not_finite) obj.positions.at(vertex) = glm::dvec3(std::nan(""));
     obj.thin_faces = checked.thin_faces;
     for (const tinyobj::shape_t& shape : shapes)
-        for (const tinyobj::index_t& index : shape.mesh.indices) obj.corners.push_back({index.vertex_index, index.normal_index});
+        for (const tinyobj::index_t& index : shape.mesh.indices) {
+            const bool there = index.vertex_index >= 0 && size_t(index.vertex_index) < obj.positions.size() &&
+                               index.normal_index < int(obj.normals.size());
+            if (!there) throw InputError(file.string() + ": a face refers to a vertex or normal that is not there");
+            obj.corners.push_back({index.vertex_index, index.normal_index});
+        }
     if (obj.corners.empty()) throw InputError(file.string() + ": holds no faces");
     if (materials_reader.seen) obj.notes.push_back(file.filename().string() + ": materials (mtllib) ignored; the scene file gives them");
     return obj;

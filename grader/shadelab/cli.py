@@ -170,7 +170,7 @@ def render(
             print(shown(packet))
             return
         if backend == "cpp":
-            runner = CppRunner(declared, Sandbox(Path(work)), double)
+            runner = CppRunner(declared, Sandbox(Path(work)), double, layers or full)
             _student_build(runner, folder)
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
             if packet:

@@ -37,7 +37,6 @@ class Draw:
 
     scene: Scene
     packet: Path | None = None
-    layers: bool = True
 
 
 Task = Evaluate | Draw
@@ -60,13 +59,13 @@ def _printed(raw: bytes) -> str:
 class CppRunner:
     backend = "cpp"
 
-    def __init__(self, assignment: Assignment, sandbox: Sandbox, double: bool = False) -> None:
-        self.assignment, self.sandbox, self.double = assignment, sandbox, double
+    def __init__(self, assignment: Assignment, sandbox: Sandbox, double: bool = False, layers: bool = True) -> None:
+        self.assignment, self.sandbox, self.double, self.layers = assignment, sandbox, double, layers
         self.plugin: Plugin | None = None
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.double)
+        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.double, self.layers)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:
@@ -96,7 +95,7 @@ class CppRunner:
         command = [
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
-            *(["--layers"] if task.layers else []),
+            *(["--layers"] if self.layers else []),
         ]  # fmt: skip
         outcome = self.sandbox.run(command, DRAW_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)

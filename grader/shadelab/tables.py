@@ -101,16 +101,14 @@ def _upper(normal: np.ndarray, others: list[np.ndarray], rng: np.random.Generato
 
 
 def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
-    """The last rows stand exactly on the gates. Axis-aligned vectors: their dot products are exact in every arithmetic."""
-    bases = {v.domain.base for v in function.values if v.domain.kind == "upper"}
-    if not bases:
+    """The last rows stand exactly on the gates (on the horizon, opposite, equal), with every combination of axis-aligned
+    directions: their dot products are exact in every arithmetic."""
+    directions = [v.name for v in function.values if v.domain.kind in ("unit", "upper")]
+    if len(directions) < 2:
         return
     axes = np.concatenate([np.eye(3), -np.eye(3)])
-    uppers = [v.name for v in function.values if v.domain.kind == "upper"]
-    count = 36
-    for row in range(count):
-        drawn[next(iter(bases))][-1 - row] = axes[1]
-        for k, name in enumerate(uppers):
+    for row in range(6 ** len(directions)):
+        for k, name in enumerate(directions):
             drawn[name][-1 - row] = axes[(row // 6**k) % 6]
 
 

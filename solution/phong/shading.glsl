@@ -52,10 +52,11 @@ Real phong_lobe(vec3 n, vec3 l, vec3 v, Real q) {
 Real blinn_lobe(vec3 n, vec3 l, vec3 v, Real q) {
     // STUDENT BEGIN: as phong_lobe, with the cosine between n and the half vector
     if (dot(n, l) <= 0.0) return 0.0;
-    // As on the slide: pow(max(dot(n, h), 0.0), q). The stable form as in phong_lobe.
-    vec3 d = n - half_vector(l, v);
+    // As on the slide: pow(max(dot(n, h), 0.0), q). The stable form as in phong_lobe; opposite l and v have no h.
+    vec3 h = half_vector(l, v);
+    vec3 d = n - h;
     Real x = 0.5 * dot(d, d);
-    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;
+    if (x >= 1.0 || dot(n, h) <= 0.0) return q == 0.0 ? 1.0 : 0.0;
     return exp(q * log1p(-x));
     // STUDENT END: return 0.0;
 }

@@ -100,7 +100,8 @@ struct DrawStatistics {
     double vertex_ms = 0, bin_ms = 0, tile_ms = 0;
 };
 
-/// Draws the scene. `meshes` holds one mesh per object; `supersample` scales the resolution (the caller averages the film).
+/// Draws the scene into the film, at the film's size. `meshes` holds one mesh per object. For term layers the plugin must have
+/// been compiled with layers; one with layers serves a film without.
 template <class Real>
 DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
                     const plugin::Table<Real>& plugin, Film& film);

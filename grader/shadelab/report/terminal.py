@@ -83,7 +83,9 @@ def components(value: Any, name: str, letters: str = "xyzw") -> Iterator[tuple[s
         vector = 1 < len(value) <= len(letters) and not any(isinstance(v, list | tuple | dict) for v in value)
         for k, item in enumerate(value):
             alone = len(value) == 1 or isinstance(item, dict)
-            yield from components(item, name if alone else f"{name}.{letters[k]}" if vector else f"{name}[{k}]", letters)
+            yield from components(
+                item, name if alone else f"{name}.{letters[k]}" if vector else f"{name}[{k}]", letters
+            )
     else:
         yield name, value
 
@@ -163,15 +165,15 @@ def waits_for(check: Check, result: Result) -> list[str]:
 
 def print_result(result: Result, console: Console, html: Path | None) -> None:
     """For ten seconds: a table, the score, then a few lines for each check that failed."""
-    symbols = ASCII_SYMBOLS if console.options.ascii_only else SYMBOLS
+    narrow = console.options.ascii_only
+    symbols = ASCII_SYMBOLS if narrow else SYMBOLS
 
     def say(text: str, style: str = "", indent: int = 0) -> None:
-        if console.options.ascii_only:
-            text = text.replace("…", "...").encode("ascii", "replace").decode()
+        text = _ascii(text) if narrow else text
         console.print(Padding(Text(text.expandtabs(4), style, overflow="fold"), (0, 0, 0, indent)))
 
     if result.checks:
-        console.print(_table(result, symbols))
+        console.print(_table(result, narrow))
     say(f"Score: {points(result.score)} of {points(result.max_score)} points", "bold")
     if not result.complete:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
@@ -201,7 +203,12 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         say(f"Details and pictures: {plain(shown(html))}")
 
 
-def _table(result: Result, symbols: dict[str, str]) -> Table:
+def _ascii(text: str) -> str:
+    return text.replace("…", "...").encode("ascii", "replace").decode()
+
+
+def _table(result: Result, narrow: bool) -> Table:
+    symbols = ASCII_SYMBOLS if narrow else SYMBOLS
     backends = [b for b in BACKENDS if any(c.backend == b for c in result.checks)]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     table.add_column("check", overflow="fold")
@@ -215,9 +222,9 @@ def _table(result: Result, symbols: dict[str, str]) -> Table:
         if this_kind != kind and kind is not None:
             table.add_section()
         kind = this_kind
-        prefix = "" if name == this_kind or this_kind == "function" else f"{this_kind} "
+        shown_name = name if this_kind in ("build", "function") else f"{this_kind} {name}"
         cells = [_cell(of_backend.get(b), symbols, wide) for b in backends]
-        table.add_row(Text(prefix + name.replace("\n", " ")), *cells)
+        table.add_row(Text(_ascii(shown_name) if narrow else shown_name), *cells)
     return table
 
 

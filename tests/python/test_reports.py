@@ -1,0 +1,343 @@
+"""The reports: whole, harmless whatever a student's code prints, and small."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.cells import cell_len
+from rich.console import Console
+
+from shadelab.report import html, terminal
+from shadelab.report.html import Pictures, write_html
+from shadelab.report.terminal import print_result
+from shadelab.result import Check, Error, Mistake, Result, Worst
+
+HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=y> {{ 7 * 7 }} [red]no[/red] \x1b[2J\x1b]0;title\x07 \x00 \x9b31m \u202egnp.exe"
+SIDE = 300
+
+
+def check(name: str, status: str, score: float, most: float, **rest: object) -> Check:
+    backend, kind, *_ = name.split("/")
+    return Check(id=name, kind=kind, backend=backend, status=status, score=score, max_score=most, **rest)
+
+
+@pytest.fixture
+def result() -> Result:
+    out = Result(assignment="phong", submission="sha256:" + HOSTILE, max_score=60, complete=True)
+    worst = Worst(
+        inputs={"n": [0.0, 0.0, 1.0], "m.q": 1e300, "odd": [None, float(2**60), HOSTILE], "m": {"kd": [0.1, 0.2, 0.3]}},
+        expected=[0.123456789, 0.5, -1e300],
+        actual=[0.123456789, None, 1e300],
+        replay="./shadelab eval submission half_vector --inputs 'replay/half vector.npz' --backend cpp --out "
+        + "long/" * 12
+        + "result.npz",
+    )
+    terms = Worst(
+        inputs={"l": [1.0, 0.0, 0.0]},
+        expected=[k / 10 for k in range(9)],
+        actual=[k / 10 for k in range(8)] + [8.0],
+        replay="./shadelab eval TERMS",
+    )
+    add = out.add
+    add(check("cpp/build", "passed", 0, 0))
+    add(check("cpp/function/half_vector", "failed", 0, 6, message=HOSTILE + "\nsecond line\n", printed=HOSTILE * 100, worst=worst,
+              error=Error(name="scaled", value=None, limit=1e-3, floor=1.6e-4), mistake=Mistake(id="x", hint="normalise " + HOSTILE, margin=3)))  # fmt: skip
+    add(check("cpp/function/phong", "passed", 10, 10, error=Error(name="scaled", value=1.23e-5, limit=1e-3)))
+    add(check("cpp/image/teapot", "failed", 2, 8, message="a pixel is off", worst=Worst(inputs={"pixel": [3, 4]}, expected=[0.1, 0.2, 0.3],
+              actual=[None, 0.2, 0.3], replay="./shadelab probe scenes/phong/teapot.toml 3,4")))  # fmt: skip
+    add(check("cpp/image/knot", "passed", 8, 8))
+    add(check("cpp/image/crash", "failed", 0, 8, message="the program crashed"))
+    add(check("cpp/stability/phong", "error", 0, 4, message="no space left on device"))
+    add(check("glsl/build", "failed", 0, 0, message="shading.glsl:3: error: syntax error\n  vec3 a = ;\n           ^"))
+    add(check("glsl/function/half_vector", "skipped", 0, 6, needs=["glsl/build"]))
+    add(check("glsl/function/phong", "failed", 0, 10, message="wrong", worst=terms))
+    out.environment = {"gl": "llvmpipe", "cpu": HOSTILE}
+    return out
+
+
+@pytest.fixture
+def pictures() -> dict[str, Pictures]:
+    rng = np.random.default_rng(1)
+    expected = rng.random((SIDE, SIDE, 3), np.float32)
+    limit = np.full_like(expected, 0.01)
+    mask = np.ones((SIDE, SIDE), np.uint8)
+    mask[:, 200:210] = 2
+    student = expected.copy()
+    student[50:60] += 0.1
+    student[3, 4] = np.nan
+    student[5, 6, 1] = np.inf
+    return {
+        "cpp/image/teapot": Pictures(student, expected, mask, limit),
+        "cpp/image/knot": Pictures(
+            np.repeat(np.linspace(0, 1, SIDE, dtype=np.float32), SIDE * 3).reshape(SIDE, SIDE, 3), expected, None, limit
+        ),
+        "cpp/image/crash": Pictures(None, expected, None, limit),
+    }
+
+
+class Page(HTMLParser):
+    """The elements with their attributes, the text, and whether the tags nest."""
+
+    VOID = {"meta", "img", "br", "link"}  # fmt: skip
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.text, self.open = "", []
+        self.feed(source)
+
+    def handle_starttag(self, tag: str, attrs: list) -> None:
+        self.elements.append((tag, {k: v or "" for k, v in attrs}))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attrs for name, attrs in self.elements if name == tag]
+
+
+@pytest.fixture
+def file(result: Result, pictures: dict[str, Pictures], tmp_path: Path) -> Path:
+    out = tmp_path / "report.html"
+    write_html(result, pictures, out, "The Phong model " + HOSTILE)
+    return out
+
+
+@pytest.fixture
+def page(file: Path) -> Page:
+    return Page(file.read_text(encoding="utf-8"))
+
+
+# --- HTML ---
+
+
+def test_it_needs_nothing_else(file: Path, page: Page) -> None:
+    assert not re.search(r"https?:|url\(|@import", file.read_text(encoding="utf-8"))
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.elements}
+    for _, attributes in page.elements:
+        assert attributes.get("src", "data:").startswith("data:")
+        assert attributes.get("href", "#").startswith("#")
+        assert not any(name.startswith("on") for name in attributes)
+
+
+def test_hostile_text_stays_text(file: Path, page: Page) -> None:
+    assert page.open == []
+    source = file.read_text(encoding="utf-8")
+    assert "<script" not in source and "<img src=x" not in source
+    assert "<script>alert(1)</script>" in page.text and "{{ 7 * 7 }}" in page.text
+    assert "␛[2J" in page.text
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", source)
+
+
+def test_every_link_has_a_target_and_ids_are_unique(page: Page) -> None:
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for link in page.all("a"):
+        assert link["href"][1:] in ids
+
+
+def test_every_failed_check_has_its_message_and_replay(result: Result, page: Page) -> None:
+    for one in result.checks:
+        if one.status in ("failed", "error"):
+            assert terminal.plain(one.id) in page.text
+            assert terminal.plain(one.message).strip() in page.text
+            assert one.worst is None or terminal.plain(one.worst.replay) in page.text
+
+
+def test_what_it_says(page: Page) -> None:
+    text = " ".join(page.text.split())
+    assert "Make shading.glsl compile first; 1 other check waits for it." in text
+    assert "Waits for glsl/build" in text
+    assert "grader’s fault, not yours" in text
+    assert "20 of 60 points" in text
+    assert "normalise" in text and "llvmpipe" in text
+    assert f"{len(HOSTILE) * 100 - html.PRINTED} more characters" in text
+    assert "0.123457" in text and "1e+300" in text and "not finite" in text
+
+
+def test_pictures_have_the_right_size_and_an_alt_text(page: Page) -> None:
+    sizes = []
+    for image in page.all("img"):
+        with Image.open(io.BytesIO(base64.b64decode(image["src"].removeprefix("data:image/png;base64,")))) as decoded:
+            assert decoded.format == "PNG"
+            assert decoded.size == (int(image["width"]), int(image["height"]))
+            sizes.append(decoded.size)
+        assert image["alt"]
+    assert sorted(sizes) == [(html.THUMBNAIL, html.THUMBNAIL)] + 4 * [(SIDE, SIDE)]
+
+
+def test_the_file_is_small(file: Path) -> None:
+    raw = 3 * 3 * SIDE * SIDE + 3 * html.THUMBNAIL**2  # two pictures of noise, one more expected, and a thumbnail
+    assert file.stat().st_size < raw * 4 / 3 + 100_000
+
+
+def test_a_thousand_passed_checks_stay_small(tmp_path: Path) -> None:
+    out = Result(assignment="phong", submission="sha256:0", max_score=1000, complete=True)
+    for k in range(1000):
+        out.add(check(f"cpp/function/f{k}", "passed", 1, 1))
+    write_html(out, {}, tmp_path / "report.html", "Many")
+    assert (tmp_path / "report.html").stat().st_size < 1_000_000
+    assert "every check passes" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_an_empty_result_is_a_report(tmp_path: Path) -> None:
+    write_html(Result(assignment="phong", submission=""), {}, tmp_path / "report.html", "Nothing yet")
+    assert "cut off" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+# --- Pictures ---
+
+
+def test_srgb() -> None:
+    linear = np.array([[[0.0, 0.0031308, 0.18], [1.0, 2.0, -1.0], [np.nan, 0, 0]]])
+    assert html.srgb(linear).tolist() == [[[0, 10, 118], [255, 255, 0], [255, 0, 255]]]
+
+
+def test_the_difference_picture() -> None:
+    expected = np.full((1, 7, 3), 0.5, np.float32)
+    delta = np.array([0, 0.5, 4, 64, 1000, 0.5, np.nan], np.float32)
+    limit = np.full((1, 7, 3), 1 / 1024, np.float32)
+    student = expected.copy()
+    student[0, :, 1] += delta / 1024
+    edge = np.array([[False] * 5 + [True, False]])
+    picture = html.difference(html.excess(student, expected, limit), edge, ~np.isfinite(student).all(axis=2))[0]
+    colors = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in html.RAMP]
+    assert picture[0].tolist() == picture[1].tolist() == [0, 0, 0]
+    assert [tuple(p) for p in picture[2:5]] == [colors[2], colors[6], colors[6]]
+    assert len(set(picture[5].tolist())) == 1 and 0 < picture[5, 0] < 128
+    assert tuple(picture[6]) == html.MAGENTA
+
+
+def test_a_limit_of_zero_divides_nothing() -> None:
+    student, expected = np.array([[[0.5, 0, 0]]], np.float32), np.array([[[0.5, 0, 1e-9]]], np.float32)
+    assert html.excess(student, student, np.zeros_like(student)).item() == 0
+    assert html.excess(student, expected, np.zeros_like(student)).item() == np.inf
+
+
+def test_the_ramp_grows_lighter_step_by_step() -> None:
+    def luminance(color: str) -> float:
+        c = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        return float(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722])
+
+    steps = np.diff(np.cbrt([luminance(c) for c in html.RAMP]))
+    assert steps.min() > 0.05 and steps.max() < 3 * steps.min()
+
+
+def test_a_thumbnail_averages_light_and_keeps_what_is_not_finite() -> None:
+    checkers = np.indices((256, 512)).sum(axis=0) % 2
+    linear = np.repeat(checkers[..., None], 3, axis=2).astype(np.float32)
+    linear[100, 100] = np.inf
+    small = html.thumbnail(linear, 128)
+    assert small.shape == (64, 128, 3)
+    assert small[0, 0].tolist() == [188, 188, 188]
+    assert small[25, 25].tolist() == [255, 0, 255]
+    assert html.thumbnail(linear[:10, :20]).shape == (10, 20, 3)
+
+
+# --- The terminal ---
+
+
+def printed(result: Result, width: int = 80, **options: object) -> str:
+    stream = io.StringIO()
+    print_result(result, Console(file=stream, width=width, **options), Path("results/report.html"))
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_no_line_is_wider_than_the_terminal(result: Result, width: int) -> None:
+    lines = printed(result, width).split("\n")
+    assert max(map(cell_len, lines)) <= width and max(map(len, lines)) <= width
+
+
+def test_without_a_terminal_there_are_no_control_characters(result: Result) -> None:
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", printed(result))
+
+
+def test_in_a_terminal_only_our_colours_remain(result: Result) -> None:
+    text = printed(result, force_terminal=True, color_system="standard")
+    assert "\x1b[" in text
+    rest = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", rest)
+    assert "␛[2J" in rest and "[red]no[/red]" in rest
+
+
+def test_the_table_puts_the_backends_side_by_side(result: Result) -> None:
+    text = printed(result)
+    assert re.search(r"half_vector +✗ +0 / 6 +– skipped", text)
+    assert re.search(r"phong +✓ 10 / 10 +✗ +0 / 10", text)
+    assert re.search(r"image teapot +✗ +2 / 8\s*\n", text)
+    assert "Score: 20 of 60 points" in text
+    assert "results/report.html" in text
+
+
+def test_failed_checks_are_told_and_skipped_ones_are_not(result: Result) -> None:
+    text = printed(result)
+    told = text.partition("Score:")[2]
+    flat = " ".join(told.replace("\\\n", "").split())
+    for one in result.checks:
+        assert (one.id in told) == (one.status in ("failed", "error"))
+        if one.worst and one.status == "failed":
+            assert one.worst.replay in flat
+    assert "expected (0.1, 0.2, 0.3), yours (not finite, 0.2, 0.3)" in flat
+    assert "result[8]: expected 0.8, yours 8" in flat and "result[7]" not in flat
+    assert "The grader's fault, not yours." in flat
+
+
+def test_an_ascii_terminal_gets_ascii(result: Result) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    print_result(result, Console(file=stream, width=80), None)
+    stream.flush()
+    assert b"X  0 / 6" in stream.buffer.getvalue()
+
+
+# --- Words ---
+
+
+def test_what_comes_first(result: Result) -> None:
+    assert terminal.first_step(result)[1].id == "glsl/build"
+    result.checks = [c for c in result.checks if c.kind != "build"]
+    assert terminal.first_step(result)[1].id == "cpp/function/half_vector"
+    result.checks = [c for c in result.checks if c.status != "failed"]
+    assert terminal.first_step(result)[1].status == "error"
+    result.checks = [c for c in result.checks if c.status == "passed"]
+    assert terminal.first_step(result) == ("Nothing to mend: every check passes.", None)
+    result.complete = False
+    assert "cut off" in terminal.first_step(result)[0]
+
+
+def test_wrong_components_are_marked() -> None:
+    def marks(expected: list, actual: list) -> list[bool]:
+        one = check("cpp/function/f", "failed", 0, 1, error=Error(name="scaled", value=1, limit=1e-3))
+        one.worst = Worst(inputs={}, expected=expected, actual=actual)
+        return [wrong for *_, wrong in terminal.compared(one)]
+
+    assert marks([1.0, 2.0, 3.0], [1.0, 2.1, None]) == [False, True, True]
+    assert marks([1.0, 0.0], [1.0, 1e-7]) == [False, False] or marks([1.0, 0.0], [1.0, 1e-7]) == [False, True]
+    assert marks([1.0], [1.0000001]) == [
+        True
+    ]  # the largest error is marked even where this row alone explains no failure
+    assert marks([1.0], [1.0]) == [False]
+    assert marks([[1.0, 2.0], [3.0, 4.0]], [[1.0, 2.0], [3.0]]) == [False, False, False, True]
+
+
+def test_names_of_components() -> None:
+    one = check("cpp/function/f", "failed", 0, 1)
+    one.worst = Worst(inputs={}, expected=[{"diffuse": [1.0, 2.0, 3.0]}, {"q": 1.0}], actual=[])
+    assert [name for name, *_ in terminal.compared(one)] == [
+        "result.diffuse.x",
+        "result.diffuse.y",
+        "result.diffuse.z",
+        "result.q",
+    ]
