@@ -16,21 +16,22 @@ constexpr int subpixels = 1 << subpixel_bits;
 constexpr float guard_pixels = 8192;
 
 struct Plane {
-    float x, y, z, w;
-    float distance(glm::vec4 p) const { return x * p.x + y * p.y + z * p.z + w * p.w; }
+    double x, y, z, w;
+    double distance(glm::dvec4 p) const { return x * p.x + y * p.y + z * p.z + w * p.w; }
 };
 
-/// Sutherland-Hodgman against one plane; the intersection is computed from the outside vertex, as llvmpipe does.
+/// Sutherland-Hodgman against one plane. The intersection is always computed from the outside vertex, so that neighbours find
+/// the same one, and in double: with corners 1e7 near distances away, float32 could put it behind the eye.
 int clip_polygon(const glm::vec4* in, int count, Plane plane, glm::vec4* out) {
     int kept = 0;
     for (int i = 0; i < count; ++i) {
         const glm::vec4 a = in[i], b = in[(i + 1) % count];
-        const float da = plane.distance(a), db = plane.distance(b);
+        const double da = plane.distance(a), db = plane.distance(b);
         if (da >= 0) out[kept++] = a;
         if ((da >= 0) != (db >= 0)) {
-            const glm::vec4 inside = da >= 0 ? a : b, outside = da >= 0 ? b : a;
-            const float t = (da >= 0 ? db : da) / ((da >= 0 ? db : da) - (da >= 0 ? da : db));
-            out[kept++] = outside + t * (inside - outside);
+            const glm::dvec4 inside(da >= 0 ? a : b), outside(da >= 0 ? b : a);
+            const double t = (da >= 0 ? db : da) / ((da >= 0 ? db : da) - (da >= 0 ? da : db));
+            out[kept++] = glm::vec4(outside + t * (inside - outside));
         }
     }
     return kept;
@@ -135,7 +136,9 @@ ScreenVertex project(glm::vec4 clip, int width, int height) {
         const float window = float(double(ndc) * (size * 0.5) + size * 0.5);
         return int32_t(std::nearbyint((window - 0.5f) * float(subpixels)));
     };
-    return {to_grid(clip.x / clip.w, width), to_grid(clip.y / clip.w, height), float(double(clip.z / clip.w) * 0.5 + 0.5)};
+    // Only at corners that clipping made can rounding leave the range; OpenGL clamps there too.
+    const float depth = std::clamp(float(double(clip.z / clip.w) * 0.5 + 0.5), 0.0f, 1.0f);
+    return {to_grid(clip.x / clip.w, width), to_grid(clip.y / clip.w, height), depth};
 }
 
 unsigned clip_code(glm::vec4 p, int width, int height) {

@@ -106,7 +106,7 @@ def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
     directions = [v.name for v in function.values if v.domain.kind in ("unit", "upper")]
     if len(directions) < 2:
         return
-    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    axes = np.concatenate([np.eye(3), 0.0 - np.eye(3)])  # 0 - x: no negative zeros in messages
     for row in range(6 ** len(directions)):
         for k, name in enumerate(directions):
             drawn[name][-1 - row] = axes[(row // 6**k) % 6]

@@ -8,7 +8,6 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -170,7 +169,11 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
 
     def say(text: str, style: str = "", indent: int = 0) -> None:
         text = _ascii(text) if narrow else text
-        console.print(Padding(Text(text.expandtabs(4), style, overflow="fold"), (0, 0, 0, indent)))
+        # Without trailing spaces: one after a backslash would spoil a copied command.
+        for line in Text(text.expandtabs(4), style).wrap(console, console.width - indent, overflow="fold") or [
+            Text("")
+        ]:
+            console.print(Text(" " * indent) + line, no_wrap=True)
 
     if result.checks:
         console.print(_table(result, narrow))
@@ -217,7 +220,7 @@ def _table(result: Result, narrow: bool) -> Table:
     kind = None
     wide = max(len(points(c.score)) for c in result.checks)
     checks = in_order(result, *STATUS)
-    for (this_kind, name), row in {(c.kind, label(c)): None for c in checks}.items():
+    for this_kind, name in dict.fromkeys((c.kind, label(c)) for c in checks):
         of_backend = {c.backend: c for c in checks if (c.kind, label(c)) == (this_kind, name)}
         if this_kind != kind and kind is not None:
             table.add_section()
