@@ -21,17 +21,17 @@ struct Plane {
 };
 
 /// Sutherland-Hodgman against one plane. The intersection is always computed from the outside vertex, so that neighbours find
-/// the same one, and in double: with corners 1e7 near distances away, float32 could put it behind the eye.
-int clip_polygon(const glm::vec4* in, int count, Plane plane, glm::vec4* out) {
+/// the same one, and in double: with corners 1e6 near distances away, float32 would put it behind the eye now and then.
+int clip_polygon(const glm::dvec4* in, int count, Plane plane, glm::dvec4* out) {
     int kept = 0;
     for (int i = 0; i < count; ++i) {
-        const glm::vec4 a = in[i], b = in[(i + 1) % count];
+        const glm::dvec4 a = in[i], b = in[(i + 1) % count];
         const double da = plane.distance(a), db = plane.distance(b);
         if (da >= 0) out[kept++] = a;
         if ((da >= 0) != (db >= 0)) {
-            const glm::dvec4 inside(da >= 0 ? a : b), outside(da >= 0 ? b : a);
+            const glm::dvec4 inside = da >= 0 ? a : b, outside = da >= 0 ? b : a;
             const double t = (da >= 0 ? db : da) / ((da >= 0 ? db : da) - (da >= 0 ? da : db));
-            out[kept++] = glm::vec4(outside + t * (inside - outside));
+            out[kept++] = outside + t * (inside - outside);
         }
     }
     return kept;
@@ -160,7 +160,7 @@ void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t t
     const float guard_x = 1 + 2 * guard_pixels / float(width), guard_y = 1 + 2 * guard_pixels / float(height);
     const Plane planes[] = {{0, 0, 1, 1},  {0, 0, -1, 1},       {1, 0, 0, guard_x},
                             {-1, 0, 0, guard_x}, {0, 1, 0, guard_y}, {0, -1, 0, guard_y}};
-    glm::vec4 polygon[9] = {clip[0], clip[1], clip[2]}, next[9];
+    glm::dvec4 polygon[9] = {clip[0], clip[1], clip[2]}, next[9];
     int count = 3;
     for (const Plane& plane : planes) {
         count = clip_polygon(polygon, count, plane, next);
@@ -169,9 +169,10 @@ void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t t
     }
     for (int k = 0; k < count; ++k)
         if (!(polygon[k].w > 0)) return;  // only a triangle through the eye itself: it has no picture
-    const ScreenVertex first = project(polygon[0], width, height);
+    const auto projected = [&](int k) { return project(glm::vec4(polygon[k]), width, height); };
+    const ScreenVertex first = projected(0);
     for (int k = 1; k + 1 < count; ++k)
-        out.push_back({{first, project(polygon[k], width, height), project(polygon[k + 1], width, height)}, triangle});
+        out.push_back({{first, projected(k), projected(k + 1)}, triangle});
 }
 
 void rasterize(const ScreenTriangle& triangle, glm::ivec2 origin, int samples, VisibilityTile& tile) {

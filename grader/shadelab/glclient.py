@@ -119,11 +119,11 @@ class Client:
             )
         target.use()
         context.enable(moderngl.DEPTH_TEST)
-        # moderngl clears all attachments at once with one colour; each is cleared alone through a draw-buffer mask.
+        # moderngl clears all attachments at once with one colour; each is cleared alone through the others' masks.
         for k, colour in enumerate(clear):
-            target.color_mask = [(True,) * 4 if j == k else (False,) * 4 for j in range(len(clear))]
+            set_masks(target, [j == k for j in range(len(clear))])
             target.clear(*colour, depth=1.0)
-        target.color_mask = [(True,) * 4] * len(clear)
+        set_masks(target, [True] * len(clear))
         for draw in header["draws"]:
             texts = header[programs][draw[which]]
             student_shader = lambda main: assemble(self.prelude, self.student, main)  # noqa: E731
@@ -157,6 +157,11 @@ class Client:
                 attachment.release()
             framebuffer.release()
         return images
+
+
+def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
+    masks = [(w,) * 4 for w in written]
+    framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
 
 
 class Packet:

@@ -1,0 +1,116 @@
+"""The two renderers against each other, on the solution; and the two ways to OpenGL."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from shadelab.expected import CHANNELS, load, missing_meshes
+from shadelab.findings import ABSOLUTE, RELATIVE
+from shadelab.glcontext import try_ways
+from shadelab.manifest import load_assignment
+
+PHONG = load_assignment(ROOT / "solution" / "phong")
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory):
+    """images(scene, backend): the solution's layers, each drawn once."""
+    folder, cache = tmp_path_factory.mktemp("images"), {}
+
+    def draw(scene, backend, *options):
+        key = (scene.name, backend, *options)
+        if key not in cache:
+            file = folder / ("-".join(map(str, key)) + ".npy")
+            command = [sys.executable, "-I", "-m", "shadelab", "render", scene.file, "--backend", backend, "--layers", "-o", file, *options]
+            subprocess.run(command, check=True, capture_output=True, env=os.environ)
+            cache[key] = np.load(file)
+        return cache[key]
+
+    return draw
+
+
+@pytest.mark.parametrize("scene", PHONG.scenes, ids=lambda s: s.name)
+def test_cpp_and_glsl_agree(images, scene):
+    if missing_meshes(scene):
+        pytest.skip(f"{missing_meshes(scene)[0].name} is not on this machine")
+    cpp, glsl = images(scene, "cpp"), images(scene, "glsl")
+    truth = load(PHONG).scene(scene)
+    ids = CHANNELS["id"]
+    assert (cpp[..., ids] == glsl[..., ids]).mean() >= 0.9999
+    assert (cpp[..., CHANNELS["coverage"]] == glsl[..., CHANNELS["coverage"]]).mean() >= 0.9999
+    total = CHANNELS["total"]
+    reference = cpp[..., total].astype(float)
+    limit = RELATIVE * np.abs(reference) + ABSOLUTE * np.percentile(np.abs(reference[truth.mask == 1]), 95)
+    interior = truth.mask == 1
+    assert interior.sum() > 0.5 * (truth.layer("id") > 0).sum()
+    violations = (~(np.abs(cpp[..., total] - glsl[..., total]) <= limit).all(axis=2)) & interior
+    assert violations.sum() == 0
+
+
+def test_four_samples_agree(images):
+    scene = next(s for s in PHONG.scenes if s.name == "knot")
+    cpp, glsl = images(scene, "cpp", "--samples", "4"), images(scene, "glsl", "--samples", "4")
+    coverage = CHANNELS["coverage"]
+    assert set(np.unique(cpp[..., coverage])) == {0.0, 0.25, 0.5, 0.75, 1.0}
+    assert (cpp[..., coverage] == glsl[..., coverage]).mean() >= 0.9999
+    # Both average the same four samples; only pixels where two surfaces meet within rounding may differ.
+    assert np.percentile(np.abs(cpp[..., :3] - glsl[..., :3]), 99.9) < 1e-3
+
+
+def test_supersampling_agrees(images):
+    scene = next(s for s in PHONG.scenes if s.name == "interpolation")
+    cpp, glsl = (images(scene, b, "--supersample", "2", "--size", "128x128") for b in ("cpp", "glsl"))
+    assert cpp.shape == glsl.shape == (128, 128, 21)
+    assert np.percentile(np.abs(cpp[..., :3] - glsl[..., :3]), 99.9) < 1e-3
+
+
+def test_osmesa_and_egl_draw_the_same(tmp_path):
+    ways = try_ways()
+    absent = {name: why for name, why in ways.items() if isinstance(why, str)}
+    if absent:
+        pytest.skip(f"only one way to OpenGL here: {absent}")
+    scene = next(s for s in PHONG.scenes if s.name == "teapot")
+    images = {}
+    for way in ways:
+        file = tmp_path / f"{way}.npy"
+        command = [sys.executable, "-I", "-m", "shadelab", "render", scene.file, "--backend", "glsl", "-o", file]
+        subprocess.run(command, check=True, capture_output=True, env={**os.environ, "SHADELAB_GL": way})
+        images[way] = np.load(file)
+    np.testing.assert_array_equal(images["osmesa"], images["egl"])
+
+
+def test_grading_through_egl(grade):
+    result = grade(ROOT / "solution" / "phong", only="glsl/*/[ps]*", SHADELAB_GL="egl")
+    assert result["score"] == result["max_score"] > 0
+    assert result["environment"]["gl"].endswith("through egl")
+
+
+def test_no_opengl_is_our_fault_and_not_the_students(grade):
+    result = grade(ROOT / "solution" / "phong", only="glsl/function/*", SHADELAB_GL="none")
+    assert result["by_id"]["glsl/build"]["status"] == "error"
+    assert "SHADELAB_GL=none" in result["by_id"]["glsl/build"]["message"]
+    assert not any(c["status"] == "failed" for c in result["checks"])
+
+
+def test_packet_is_what_the_header_says(shadelab, tmp_path):
+    """The frame packet's format (packet.hpp), as another client would read it."""
+    scene = next(s for s in PHONG.scenes if s.name == "spots")
+    assert shadelab("render", scene.file, "--packet", "frame.packet").code == 0
+    with open(tmp_path / "frame.packet", "rb") as stream:
+        assert stream.readline() == b"shadelab packet 1\n"
+        header = json.loads(stream.read(int(stream.readline())))
+        data = stream.read()
+    last = header["draws"][-1]["indices"]
+    assert last["offset"] + 4 * last["count"] == len(data)
+    for draw in header["draws"]:
+        indices = np.frombuffer(data, np.uint32, draw["indices"]["count"], draw["indices"]["offset"])
+        assert indices.max() < draw["positions"]["count"] == draw["normals"]["count"]
+        normals = np.frombuffer(data, np.float32, 3 * draw["normals"]["count"], draw["normals"]["offset"]).reshape(-1, 3)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    assert "shadelab_light1_hotspot" in header["draws"][0]["uniforms"]
+    assert not any("mirror_direction(" in p["fragment"] for p in header["programs"])  # nothing of the student's is in it

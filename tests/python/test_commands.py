@@ -1,0 +1,173 @@
+"""render, eval, reference, starter and doctor, through the command line."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from shadelab import expected
+from shadelab.manifest import load_assignment
+
+PHONG = ROOT / "solution" / "phong"
+SPHERE = ROOT / "scenes" / "phong" / "sphere.toml"
+
+
+def test_render_writes_each_format(shadelab, tmp_path):
+    for name in ("a.png", "a.exr", "a.npy"):
+        done = shadelab("render", SPHERE, "--size", "64x48", "--layers", "-o", name)
+        assert done.code == 0 and done.stdout == f"{name}\n"
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "a.normal.png").exists()
+    assert (tmp_path / "a.exr").read_bytes()[:4] == b"\x76\x2f\x31\x01"
+    assert np.load(tmp_path / "a.npy").shape == (48, 64, 21)
+
+
+def test_render_glsl_writes_the_same_png(shadelab, tmp_path):
+    for backend in ("cpp", "glsl"):
+        assert shadelab("render", SPHERE, "--backend", backend, "--size", "64x64", "-o", f"{backend}.png").code == 0
+    pictures = [np.frombuffer((tmp_path / f"{b}.png").read_bytes(), np.uint8) for b in ("cpp", "glsl")]
+    assert abs(len(pictures[0]) - len(pictures[1])) < 0.05 * len(pictures[0])
+
+
+def test_explain_and_full(shadelab, tmp_path):
+    """What is left out changes no pixel."""
+    scene = tmp_path / "scene.toml"
+    dark = '\n[[light]]\nkind = "spot"\nposition = [1, 1, 1]\ndirection = [0, -1, 0]\nhotspot = 5\nfalloff = 9\nintensity = [0, 0, 0]\n'
+    scene.write_text(SPHERE.read_text().replace("../meshes", str(ROOT / "scenes" / "meshes")).replace("[material", dark + "\n[material"))
+    options = ["--shading", PHONG, "--size", "96x96"]
+    lean = shadelab("render", scene, *options, "--explain", "-o", "lean.npy")
+    needed, left_out = lean.stdout.split("left out")
+    assert "light[0] (point)" in needed and "light[1] (spot): its intensity is zero" in left_out
+    full = shadelab("render", scene, *options, "--explain", "--full", "-o", "full.npy")
+    assert "light[1] (spot): kept by --full" in full.stdout.split("left out")[0]
+    np.testing.assert_array_equal(np.load(tmp_path / "lean.npy"), np.load(tmp_path / "full.npy"))
+
+
+def test_double_and_threads_change_no_coverage(shadelab, tmp_path):
+    for name, options in {"float": [], "double": ["--double"], "one": ["--threads", "1"]}.items():
+        assert shadelab("render", SPHERE, "--layers", "--size", "128x128", *options, "-o", f"{name}.npy").code == 0
+    single, double, one = (np.load(tmp_path / f"{n}.npy") for n in ("float", "double", "one"))
+    np.testing.assert_array_equal(single, one)
+    np.testing.assert_array_equal(single[..., 12:15], double[..., 12:15])  # coverage, id, depth
+    assert not np.array_equal(single, double)
+    np.testing.assert_allclose(single[..., :3], double[..., :3], atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "broken, words",
+    [
+        (("q = 32", "q = -1"), "{line}: material.clay.q: must be at least 0"),
+        (("kd =", "kD ="), "material.clay.kd: is missing"),
+        (('model = "phong"', 'model = "pong"'), "material.clay.model: must be phong or blinn_phong"),
+        (("[camera]", "[camera"), "not valid TOML"),
+        (("sphere.obj", "spere.obj"), "spere.obj cannot be read"),
+        (("fov_y = 40", "fov_y = 40\nfovy = 3"), 'camera.fovy: unknown key; did you mean "fov_y"?'),
+    ],
+)
+def test_a_broken_scene_is_one_line(shadelab, tmp_path, broken, words):
+    text = SPHERE.read_text().replace("../meshes", str(ROOT / "scenes" / "meshes"))
+    assert text.count(broken[0]) == 1
+    (tmp_path / "scene.toml").write_text(text.replace(*broken))
+    done = shadelab("render", "scene.toml", "--shading", PHONG)
+    assert done.code == 2 and len(done.stderr.strip().splitlines()) == 1
+    line = next(k for k, content in enumerate(text.splitlines(), 1) if broken[0] in content)
+    assert "scene.toml" in done.stderr and words.format(line=f"scene.toml:{line}") in done.stderr
+
+
+@pytest.mark.parametrize("backend", ["cpp", "glsl"])
+def test_eval(shadelab, tmp_path, backend):
+    n, l, v = [[0, 1, 0]] * 2, [[0, 1, 0], [0, -1, 0]], [[0, 0.8, 0.6]] * 2
+    material = {"m.ka": [[0.1] * 3] * 2, "m.kd": [[0.5, 0.25, 1.0]] * 2, "m.ks": [[1, 1, 1]] * 2, "m.q": [2, 2]}
+    np.savez(tmp_path / "in.npz", n=n, l=l, v=v, **material)
+    done = shadelab("eval", PHONG, "phong", "--inputs", "in.npz", "-o", "out.npz", "--backend", backend)
+    assert done.code == 0, done.stderr
+    out = np.load(tmp_path / "out.npz")
+    assert set(out) == {"result.ambient", "result.diffuse", "result.specular"}
+    np.testing.assert_allclose(out["result.ambient"], np.full((2, 3), 0.1), rtol=1e-6)
+    np.testing.assert_allclose(out["result.diffuse"], [[0.5, 0.25, 1.0], [0, 0, 0]], rtol=1e-6)
+    np.testing.assert_allclose(out["result.specular"], [[0.64] * 3, [0] * 3], rtol=1e-5)
+    assert "phong(m.ka = (0.1, 0.1, 0.1)" in done.stdout and "result.specular = (0.64" in done.stdout
+
+
+def test_eval_shows_what_the_student_prints(shadelab, tmp_path, submission):
+    region = "    vec3 sum = l + v;"
+    folder = submission(cpp={region: '    std::cout << "sum " << (l + v).y << "\\n";\n' + region, "#include <shadelab/shading.hpp>\n": "#include <shadelab/shading.hpp>\n#include <iostream>\n"})
+    np.savez(tmp_path / "in.npz", l=[[0, 1, 0]], v=[[0, 1, 0]])
+    done = shadelab("eval", folder, "half_vector", "--inputs", "in.npz", "--assignment", "phong")
+    assert done.stdout.startswith("sum 2\n")
+
+
+@pytest.mark.parametrize(
+    "arrays, words",
+    [
+        ({"l": [[0, 1, 0]]}, "the input v is missing; the inputs are l, v"),
+        ({"l": [[0, 1, 0]], "v": [[0, 1]]}, "v must have the shape (N, 3), not (1, 2)"),
+        ({"l": [[0, 1, 0]], "v": [[0, 1, 0]] * 2}, "the same first axis"),
+        ({"l": [[0, 1, 0]], "v": [[0, 1, 0]], "w": [1]}, "unknown input w"),
+    ],
+)
+def test_eval_says_what_is_wrong_with_inputs(shadelab, tmp_path, arrays, words):
+    np.savez(tmp_path / "in.npz", **arrays)
+    done = shadelab("eval", PHONG, "half_vector", "--inputs", "in.npz")
+    assert done.code == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_expected_data_is_content_addressed(tmp_path):
+    """The digest follows the solution's text, the manifests and the scenes."""
+    shutil.copytree(ROOT / "solution", tmp_path / "solution")
+    shutil.copytree(ROOT / "scenes" / "phong", tmp_path / "scenes" / "phong")
+    (tmp_path / "scenes" / "meshes").symlink_to(ROOT / "scenes" / "meshes")
+    digests = [expected.digest(load_assignment(tmp_path / "solution" / "phong"))]
+    for file, old, new in [
+        ("solution/phong/shading.cpp", "2.0 * dot(n, l)", "2 * dot(n, l)"),
+        ("solution/lights/shading.cpp", "3.0 - 2.0 * t", "3.0 - 2 * t"),
+        ("solution/phong/assignment.toml", "typical = [1, 512]", "typical = [1, 513]"),
+        ("scenes/phong/teapot.toml", "q = 60", "q = 61"),
+    ]:
+        path = tmp_path / file
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+        digests.append(expected.digest(load_assignment(tmp_path / "solution" / "phong")))
+    assert len(set(digests)) == len(digests)
+    for file in ("solution/phong/handout.md", "solution/phong/mistakes.toml"):  # texts that no number depends on
+        (tmp_path / file).write_text("")
+    assert expected.digest(load_assignment(tmp_path / "solution" / "phong")) == digests[-1]
+
+
+def test_reference_names_its_folder(shadelab):
+    first, second = shadelab("reference", "phong"), shadelab("reference", "phong")
+    assert first.code == 0 and first.stdout == second.stdout
+    assert expected.digest(load_assignment(PHONG)) in first.stdout
+
+
+def test_starter_is_in_step(shadelab):
+    done = shadelab("starter", "--verify")
+    assert done.code == 0, done.stdout
+
+
+def test_starter_holds_no_line_of_the_solution():
+    from shadelab.mistakes import regions
+
+    for language in ("cpp", "glsl"):
+        source = PHONG / f"shading.{language}"
+        starter = (ROOT / "starter" / "phong" / f"shading.{language}").read_text()
+        assert "STUDENT" not in starter
+        for name, region in regions(source.read_text(), source).items():
+            for line in region["body"].splitlines():
+                # A line as short as `return 0.0;` is no secret.
+                assert len(line.strip()) < 20 or line not in starter, f"{name}: {line}"
+
+
+def test_doctor(shadelab):
+    done = shadelab("doctor")
+    assert done.code == 0, done.stdout
+    assert "OpenGL in use" in done.stdout and ("through osmesa" in done.stdout or "through egl" in done.stdout)
+
+
+def test_help_lists_every_command(shadelab):
+    done = shadelab("--help")
+    for command in ("grade", "render", "eval", "reference", "check", "starter", "doctor", "test"):
+        assert command in done.stdout
+        assert shadelab(command, "--help").code == 0

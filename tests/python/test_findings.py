@@ -1,0 +1,168 @@
+"""The rules that give marks, on made-up numbers: what passes, what fails and what is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, scene_mask
+from shadelab.findings import EDGE_CAP, FULL_MARKS, interior_score, judge_function, judge_image
+from shadelab.manifest import Scene, load_assignment
+from shadelab.tables import NEAREST_HORIZON, make_table, renormalised
+
+PHONG = load_assignment(ROOT / "solution" / "phong")
+SCENE = Scene("made-up", Path("made-up.toml"), 10)
+
+
+def made_up(size=64, radius=24):
+    """A disc in front of nothing, brightness 0.2 to 1."""
+    layers = np.zeros((size, size, 21), np.float32)
+    y, x = np.mgrid[:size, :size] - size / 2
+    disc = x**2 + y**2 < radius**2
+    layers[disc, CHANNELS["id"]] = 1
+    layers[disc, CHANNELS["normal"]] = [0, 0, 1]
+    for name in ("total", "diffuse"):
+        layers[..., CHANNELS[name]] = np.where(disc, 0.6 + 0.4 * x / radius, 0)[..., None]
+    layers[..., CHANNELS["position"]] = np.stack([x, y, np.zeros_like(x)], axis=2) / size
+    eye = np.array([0.0, 0, 1])
+    return SceneTruth(layers, scene_mask(layers, eye, 1 / size), eye)
+
+
+def judge(truth, layers):
+    return judge_image(SCENE, "cpp", 10.0, truth, layers, []).check
+
+
+def test_mask_rings_the_disc():
+    truth = made_up()
+    assert set(np.unique(truth.mask)) == {BACKGROUND, INTERIOR, EDGE}
+    row = truth.mask[32]
+    edges = np.flatnonzero(row == EDGE)
+    # Object 9..55 in this row: the two pixels at each change of object, dilated by one.
+    assert edges.tolist() == [7, 8, 9, 10, 54, 55, 56, 57]
+
+
+def test_equal_images_have_full_marks():
+    truth = made_up()
+    check = judge(truth, truth.layers.copy())
+    assert check.status == "passed" and check.score == 10 and check.error.value == 0
+
+
+def test_rounding_passes_and_two_percent_fails():
+    truth = made_up()
+    nearly = truth.layers.copy()
+    nearly[..., :3] *= 1.005
+    assert judge(truth, nearly).status == "passed"
+    off = truth.layers.copy()
+    off[..., :3] *= 1.02
+    off[..., CHANNELS["diffuse"]] *= 1.02
+    check = judge(truth, off)
+    assert check.status == "failed" and check.score == 0
+    assert "all of the interior pixels are off" in check.message
+    assert "diffuse is wrong, ambient and specular are right" in check.message
+    assert check.worst.inputs["n"] == [0, 0, 1]
+
+
+@pytest.mark.parametrize("share, expected", [(0, 1), (FULL_MARKS, 1), (1e-2, 0.5), (0.1, 0), (1, 0)])
+def test_curve(share, expected):
+    assert interior_score(share) == pytest.approx(expected)
+
+
+def test_one_nan_costs_half():
+    truth = made_up()
+    layers = truth.layers.copy()
+    layers[32, 32, 0] = np.nan
+    check = judge(truth, layers)
+    assert check.status == "failed" and check.score == 5.0
+    assert "1 pixels are not finite, the first at (32, 32)" in check.message
+
+
+def test_edges_have_a_loose_cap():
+    truth = made_up()
+    ys, xs = np.nonzero(truth.mask == EDGE)
+    for share, status in ((0.8 * EDGE_CAP, "passed"), (1.3 * EDGE_CAP, "failed")):
+        layers = truth.layers.copy()
+        count = int(share * len(ys))
+        layers[ys[:count], xs[:count], :3] += 5
+        assert judge(truth, layers).status == status
+
+
+def test_painting_the_background_is_seen():
+    truth = made_up()
+    layers = truth.layers.copy()
+    layers[truth.mask == BACKGROUND, :3] = 0.1
+    assert judge(truth, layers).status == "failed"
+
+
+def test_a_scene_of_edges_is_an_error_and_no_pass():
+    truth = made_up()
+    truth.mask[truth.mask == INTERIOR] = EDGE
+    check = judge(truth, truth.layers.copy())
+    assert check.status == "error" and check.score == 0
+
+
+def judged(function, backend, change):
+    rows = make_table(PHONG, function, 1)
+    truth = np.abs(renormalised(PHONG, function, rows)[:, :1])
+    return judge_function(PHONG, function, backend, 4.0, rows, truth, change(truth.copy(), rows)), rows, truth
+
+
+def test_function_limits_differ_by_backend():
+    lobe = PHONG.function("phong_lobe")
+    for backend, passes in (("cpp", False), ("glsl", True)):
+        check, _, _ = judged(lobe, backend, lambda t, rows: t * (1 + 5e-3))
+        assert (check.status == "passed") == passes
+        assert check.score == (4.0 if passes else 0.0)
+
+
+def test_function_messages():
+    lobe = PHONG.function("phong_lobe")
+    check, _, _ = judged(lobe, "cpp", lambda t, rows: 2 * t)
+    assert "always 2 times what is expected" in check.message
+    check, _, _ = judged(lobe, "cpp", lambda t, rows: 0 * t)
+    assert "always 0" in check.message
+
+    def wrong_below(t, rows):
+        below = np.sum(rows[:, 0:3] * rows[:, 3:6], axis=1) <= 0
+        t[below] += 1
+        return t
+
+    check, rows, truth = judged(lobe, "cpp", wrong_below)
+    assert "only where l does not point above the surface (n.l <= 0)" in check.message
+    n, l = np.array(check.worst.inputs["n"]), np.array(check.worst.inputs["l"])
+    assert n @ l <= 0 and check.worst.actual[0] == pytest.approx(check.worst.expected[0] + 1)
+
+
+def test_not_finite_fails_where_the_truth_is_finite():
+    def one_nan(t, rows):
+        t[17] = np.nan
+        return t
+
+    check, _, _ = judged(PHONG.function("phong_lobe"), "glsl", one_nan)
+    assert check.status == "failed" and check.error.value is None and "not finite for 1 of" in check.message
+
+
+def test_tables():
+    lobe = PHONG.function("phong_lobe")
+    rows = make_table(PHONG, lobe, 1)
+    assert rows.dtype == np.float32
+    np.testing.assert_array_equal(rows, make_table(PHONG, lobe, 1))
+    assert not np.array_equal(rows, make_table(PHONG, lobe, 2))
+    n, l, v, q = rows[:, 0:3].astype(float), rows[:, 3:6].astype(float), rows[:, 6:9].astype(float), rows[:, 9]
+    for directions in (n, l, v):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, atol=3e-7)
+    assert 1 <= q.min() and q.max() <= 512
+    cosine = np.sum(n * l, axis=1)
+    off_gate = cosine[cosine != 0]
+    assert np.abs(off_gate).min() > 0.5 * NEAREST_HORIZON
+    assert (np.abs(off_gate) < 1e-3).mean() > 0.05 and (cosine == 0).sum() >= 30 and (cosine < -0.01).mean() > 0.02
+    mirror = 2 * cosine[:, None] * n - l
+    assert (np.linalg.norm(v - mirror, axis=1) < 2 / np.sqrt(q)).mean() > 0.1  # the lobe is seen
+
+
+def test_truth_renormalises_directions():
+    lobe = PHONG.function("phong_lobe")
+    rows = make_table(PHONG, lobe, 1)
+    out = renormalised(PHONG, lobe, rows)
+    np.testing.assert_allclose(np.linalg.norm(out[:, 3:6], axis=1), 1, atol=4e-16)
+    np.testing.assert_array_equal(out[:, 9], rows[:, 9])

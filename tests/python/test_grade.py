@@ -1,0 +1,200 @@
+"""Grading end to end: marks, messages, and what hostile or broken submissions cost."""
+
+import json
+import time
+
+import pytest
+
+from conftest import ROOT
+
+GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."
+LOBE_END = "    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;\n    return exp(q * log1p(-x));\n    // STUDENT END: return 0.0;\n}\n\n// The half-vector lobe"
+
+
+def failed(result):
+    return {check["id"] for check in result["checks"] if check["status"] == "failed"}
+
+
+def test_solution_has_full_marks(grade):
+    result = grade(ROOT / "solution" / "phong")
+    assert result["schema"] == "shadelab/result/1"
+    assert result["score"] == result["max_score"] > 0
+    assert {c["status"] for c in result["checks"]} <= {"passed", "skipped"}
+    for check in result["checks"]:
+        if check["kind"] == "image" and check["status"] == "passed":
+            assert check["error"]["value"] == 0  # no interior violation at all, in either language
+    images = sum(c["max_score"] for c in result["checks"] if c["kind"] == "image")
+    assert images >= 0.4 * result["max_score"]
+
+
+def test_starter_has_little_and_is_told_why(grade):
+    result = grade(ROOT / "starter" / "phong")
+    assert result["score"] <= 0.15 * result["max_score"]
+    assert result["by_id"]["cpp/build"]["status"] == result["by_id"]["glsl/build"]["status"] == "passed"
+    for check in result["checks"]:
+        if check["status"] == "failed":
+            assert check["message"] and check["worst"]["inputs"] and check["worst"]["replay"].startswith("./shadelab ")
+
+
+def test_forgotten_exponent_costs_what_it_touches_in_both_languages(grade, submission):
+    change = {LOBE_END: LOBE_END.replace("return exp(q * log1p(-x));", "return 1.0 - x;")}
+    result = grade(submission(cpp=change, glsl=change))
+    touched = {f"{b}/function/{f}" for b in ("cpp", "glsl") for f in ("phong_lobe", "phong")}
+    touched |= {f"{b}/image/{s.stem}" for b in ("cpp", "glsl") for s in (ROOT / "scenes" / "phong").glob("*.toml") if '"phong"' in s.read_text()}
+    present = {c["id"] for c in result["checks"] if c["status"] != "skipped"}
+    assert failed(result) == touched & present
+    assert "specular is wrong, ambient and diffuse are right" in result["by_id"]["cpp/image/sphere"]["message"]
+    assert "only in specular" in result["by_id"]["glsl/function/phong"]["message"]
+
+
+@pytest.mark.parametrize("language, error", [("cpp", "expected"), ("glsl", "syntax error")])
+def test_syntax_error_is_one_failed_build_with_the_students_line(grade, submission, language, error):
+    change = {"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dot(n, l) * n - l"}
+    folder = submission(**{language: change})
+    lines = (folder / f"shading.{language}").read_text().splitlines()
+    line = next(k for k, text in enumerate(lines, 1) if text.endswith("* n - l"))
+    result = grade(folder)
+    build = result["by_id"][f"{language}/build"]
+    assert build["status"] == "failed"
+    # The compilers notice a missing semicolon on its line or at the next token.
+    places = [f"shading.{language}:{k}:" for k in range(line, line + 4)]
+    assert any(place in build["message"] for place in places) and error in build["message"]
+    others = [c for c in result["checks"] if c["backend"] == language and c["id"] != build["id"]]
+    assert others and all(c["status"] == "skipped" and c["score"] == 0 for c in others)
+    assert all(c["status"] != "failed" for c in result["checks"] if c["backend"] != language)
+
+
+@pytest.mark.parametrize(
+    "old, new, words",
+    [
+        ("return 2.0 * dot(n, l) * n - l;", "return dot(n, l);", ["shading.cpp:", "'vec3'"]),
+        ("return 2.0 * dot(n, l) * n - l;", "return 2.0 * dott(n, l) * n - l;", ["shading.cpp:", "dott"]),
+        ("vec3 mirror_direction(vec3 l, vec3 n) {", "vec3 mirror_directions(vec3 l, vec3 n) {", ["mirror_direction", "missing"]),
+    ],
+)
+def test_type_errors_are_short_and_in_the_students_words(grade, submission, old, new, words):
+    build = grade(submission(cpp={old: new}), only="cpp/*")["by_id"]["cpp/build"]
+    assert build["status"] == "failed"
+    assert len(build["message"].splitlines()) <= 5
+    for word in words:
+        assert word in build["message"]
+    assert "glm" not in build["message"] and "/" not in build["message"]
+
+
+def test_type_errors_in_glsl(grade, submission):
+    build = grade(submission(glsl={"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dott(n, l) * n - l;"}), only="glsl/*")["by_id"]["glsl/build"]
+    assert build["status"] == "failed" and "shading.glsl:" in build["message"] and "dott" in build["message"]
+
+
+def test_missing_file_fails_that_language_only(grade, submission):
+    folder = submission()
+    (folder / "shading.glsl").rename(folder / "Shading.glsl")
+    result = grade(folder, only="*/function/*")
+    assert result["by_id"]["glsl/build"]["message"] == "shading.glsl is missing; it must be called shading.glsl, not Shading.glsl"
+    assert not any(c["status"] == "failed" for c in result["checks"] if c["backend"] == "cpp")
+
+
+def test_endless_loop_ends_in_time_and_costs_its_own_checks(grade, submission):
+    start = time.monotonic()
+    change = {GATE: "    while (true) { if (q < -1.0) break; }\n" + GATE}
+    result = grade(submission(cpp=change), only="cpp/*")
+    assert time.monotonic() - start < 60
+    lobe = result["by_id"]["cpp/function/phong_lobe"]
+    assert lobe["status"] == "failed" and "did not end" in lobe["message"]
+    assert result["by_id"]["cpp/function/blinn_lobe"]["status"] == "passed"
+    assert result["by_id"]["cpp/image/knot"]["status"] == "passed"  # half-vector lobe only
+    assert result["by_id"]["cpp/image/sphere"]["status"] == "skipped"
+
+
+def test_endless_loop_in_glsl(grade, submission):
+    start = time.monotonic()
+    change = {GATE: "    float spin = 0.0;\n    while (spin < 1.0) { spin *= 0.5; }\n" + GATE}
+    result = grade(submission(glsl=change), only="glsl/function/*")
+    assert time.monotonic() - start < 60
+    assert result["by_id"]["glsl/function/phong_lobe"]["status"] == "failed"
+    assert result["by_id"]["glsl/function/blinn_lobe"]["status"] == "passed"
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        ("    volatile int* nowhere = nullptr;\n    *nowhere = 1;\n", "SIGSEGV"),
+        ("    std::exit(0);\n", "without giving its results"),
+        ("    throw std::runtime_error(\"no\");\n", "SIGABRT"),
+        ("    std::string s;\n    while (s.size() >= 0) s += std::string(1 << 26, 'x');\n", "phong_lobe"),
+        ("    while (true) std::cout << \"spam spam spam spam\\n\";\n", "phong_lobe"),
+    ],
+    ids=["crash", "exit", "exception", "memory", "printing"],
+)
+def test_a_function_that_misbehaves_costs_its_own_checks(grade, submission, code, words):
+    includes = "#include <cstdlib>\n#include <iostream>\n#include <stdexcept>\n#include <string>\n#include <shadelab/shading.hpp>\n"
+    result = grade(submission(cpp={GATE: code + GATE, "#include <shadelab/shading.hpp>\n": includes}), only="cpp/function/*")
+    assert words in result["by_id"]["cpp/function/phong_lobe"]["message"]
+    assert failed(result) == {"cpp/function/phong_lobe", "cpp/function/phong"}
+    assert len(result["by_id"]["cpp/function/phong_lobe"]["printed"]) <= 4096
+
+
+def test_what_the_code_prints_is_kept(grade, submission):
+    change = {GATE: "    printf(\"lobe\\n\");\n" + GATE, "#include <shadelab/shading.hpp>\n": "#include <stdio.h>\n#include <shadelab/shading.hpp>\n"}
+    check = grade(submission(cpp=change), only="cpp/function/phong_lobe")["by_id"]["cpp/function/phong_lobe"]
+    assert check["status"] == "passed"
+    assert check["printed"].startswith("lobe\nlobe\n") and len(check["printed"]) == 4096
+
+
+def test_not_a_number_is_counted_and_located(grade, submission):
+    change = {"m.ks * phong_lobe(n, l, v, m.q)": "m.ks * (phong_lobe(n, l, v, m.q) / max(n.x, 0.0))"}
+    result = grade(submission(cpp=change), only="cpp/*")
+    assert "not finite for" in result["by_id"]["cpp/function/phong"]["message"]
+    sphere = result["by_id"]["cpp/image/sphere"]
+    assert "pixels are not finite, the first at (" in sphere["message"] and "n = (" in sphere["message"]
+
+
+def test_result_is_written_after_every_check(shadelab, tmp_path, submission):
+    """A run that is killed keeps the marks that were earned."""
+    import os
+    import signal
+    import subprocess
+    import sys
+
+    folder = submission(cpp={GATE: "    while (true) { if (q < -1.0) break; }\n" + GATE})
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-I", "-m", "shadelab", "grade", folder, "--assignment", "phong", "--only", "cpp/*", "--out", out],
+        cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not (out / "result.json").exists() or len(json.loads((out / "result.json").read_text())["checks"]) < 3:
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    result = json.loads((out / "result.json").read_text())
+    assert not result["complete"] and result["score"] > 0
+
+
+def test_fail_under(shadelab):
+    starter = ROOT / "starter" / "phong"
+    assert shadelab("grade", starter, "--only", "cpp/function/*", "--fail-under", "50").code == 1
+    assert shadelab("grade", starter, "--only", "cpp/function/*").code == 0
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["grade", "nowhere"], "nowhere"),
+        (["grade", str(ROOT / "solution" / "phong"), "--assignment", "phnog"], "there is no such assignment"),
+        (["grade", str(ROOT / "solution" / "phong"), "--only", "cpp/funktion/*"], "ids look like"),
+        (["grade", str(ROOT / "tests")], "--assignment"),
+        (["render", "nowhere.toml"], "cannot be read"),
+        (["render", str(ROOT / "scenes" / "phong" / "sphere.toml"), "--double", "--backend", "glsl"], "GLSL 330"),
+        (["render", str(ROOT / "scenes" / "phong" / "sphere.toml"), "-o", "x.jpg"], ".png, .exr or .npy"),
+        (["render", str(ROOT / "scenes" / "phong" / "sphere.toml"), "--size", "12"], "WIDTHxHEIGHT"),
+        (["eval", str(ROOT / "solution" / "phong"), "half_vectr", "--inputs", "in.npz"], "half_vector"),
+        (["reference", "nothing"], "no such assignment"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_2(shadelab, arguments, words):
+    done = shadelab(*arguments)
+    assert done.code == 2
+    assert words in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert "Traceback" not in done.stderr

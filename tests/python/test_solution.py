@@ -1,0 +1,54 @@
+"""The solutions against arithmetic with 50 digits: right, and not just consistent."""
+
+import numpy as np
+import pytest
+from mpmath import mpf
+
+from conftest import ROOT
+from shadelab import exact
+from shadelab.expected import load
+from shadelab.findings import scaled_error
+from shadelab.manifest import assignment_names, load_assignment
+
+ROWS = 400  # of the table; 50 digits take their time
+
+cases = [
+    (assignment, function)
+    for assignment in (load_assignment(ROOT / "solution" / name) for name in assignment_names())
+    for function in assignment.functions
+]
+
+
+def nested(assignment, values, row):
+    """A row's numbers as the arguments of an exact function; directions are unit to 50 digits."""
+    out = []
+    for value in values:
+        if value.domain.kind == "struct":
+            members = assignment.structs[value.domain.type].values
+            out.append(dict(zip([m.name for m in members], nested(assignment, members, row))))
+            continue
+        width = len(assignment.columns([value]))
+        numbers = exact.vector(*(float(row.pop(0)) for _ in range(width)))
+        if value.domain.kind in ("unit", "upper"):
+            numbers = exact.normalize(numbers)
+        out.append(numbers if width > 1 else numbers[0])
+    return out
+
+
+def flat(value):
+    if isinstance(value, dict):
+        return [number for member in value.values() for number in flat(member)]
+    return [value] if isinstance(value, (mpf, int)) else list(value)
+
+
+@pytest.mark.parametrize("assignment, function", cases, ids=[f"{a.name}-{f.name}" for a, f in cases])
+def test_double_build_agrees_with_50_digits(assignment, function):
+    module = exact.load(assignment.directory / "exact.py")
+    rows, truth = load(assignment).table(function)
+    # Every tenth drawn row, and the exact gates at the end.
+    chosen = np.r_[np.arange(0, len(rows), len(rows) // ROWS), np.arange(len(rows) - 40, len(rows))]
+    wanted = [flat(getattr(module, function.name)(*nested(assignment, function.values, list(rows[k])))) for k in chosen]
+    wanted = np.array([[float(x) for x in row] for row in wanted])
+    columns = assignment.output_columns(function)
+    members = [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
+    assert scaled_error(truth[chosen], wanted, members).max() <= 1e-12
