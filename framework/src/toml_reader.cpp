@@ -86,7 +86,11 @@ std::string TomlReader::where(const std::string& key) const {
     return file_ + (line > 0 ? ":" + std::to_string(line) : "") + ": " + (path_.empty() ? key : path_ + "." + key);
 }
 
-void TomlReader::fail(const std::string& key, const std::string& what) const { throw InputError(where(key) + ": " + what); }
+void TomlReader::fail(const std::string& key, const std::string& what) const {
+    std::string line = where(key) + ": " + what;
+    std::replace_if(line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');  // quoted strings may hold some
+    throw InputError(line);
+}
 
 const toml::node* TomlReader::find(const std::string& key) {
     known_.insert(key);

@@ -15,6 +15,7 @@ from shadelab.sandbox import Limits, Sandbox
 
 COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
 MAX_LINES = 5  # of one error
+PLUGINS_KEPT = 256
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
 _common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
@@ -95,6 +96,8 @@ def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double:
     temporary = cached.with_suffix(f".{os.getpid()}")
     shutil.copy(work / "plugin.so", temporary)
     os.replace(temporary, cached)
+    for old in sorted(cached.parent.glob("*.so"), key=lambda f: f.stat().st_mtime)[:-PLUGINS_KEPT]:
+        old.unlink(missing_ok=True)
     return Plugin(cached, double)
 
 

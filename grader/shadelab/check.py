@@ -1,17 +1,15 @@
 """check: grades the grader. Every declared mistake must lose points, in exactly the checks that involve its function; every
 correct variant and the solution must lose none; the starter must stay at or below 15 %."""
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from shadelab.grade import BACKENDS, grade, plan_checks
 from shadelab.manifest import Assignment, Function, read_toml
 from shadelab.mistakes import Change, callers, load_changes, write_submission
-from shadelab.paths import STARTER, STATE
+from shadelab.paths import STARTER
 from shadelab.result import Result
+from shadelab.sandbox import work_folder
 
 STARTER_LIMIT = 0.15
 
@@ -48,9 +46,7 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None]) -> 
     subjects: list[tuple[str, str, Change | None]] = [("solution", "solution", None), ("starter", "starter", None)]
     subjects += [(m.id, "mistake", m) for m in changes.mistake] + [(v.id, "variant", v) for v in changes.variant]
     rows = []
-    (STATE / "work").mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(prefix="check-", dir=STATE / "work"))
-    try:
+    with work_folder("check") as scratch:
         for index, (name, kind, change) in enumerate(subjects):
             progress(f"{assignment.name}: {name}", index, len(subjects))
             folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
@@ -58,8 +54,6 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None]) -> 
                 write_submission(assignment, change, folder)
             rows.append(_judge(assignment, name, kind, change, grade(assignment, folder).result))
         progress(assignment.name, len(subjects), len(subjects))
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return rows
 
 

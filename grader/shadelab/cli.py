@@ -7,7 +7,6 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 import os
 import subprocess
 import sys
-import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, Optional
@@ -18,8 +17,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION, STATE, shown
-from shadelab.sandbox import Limits, Sandbox
+from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION, shown
+from shadelab.sandbox import Limits, Sandbox, work_folder
 
 app = typer.Typer(
     add_completion=False,
@@ -161,16 +160,15 @@ def render(
             raise UserError(f"{shown(output)}: unknown image format; end the name in .png, .exr or .npy")
         output.parent.mkdir(parents=True, exist_ok=True)
 
-    (STATE / "work").mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="render-", dir=STATE / "work") as work:
-        packet_file = packet or Path(work) / "frame.packet"
+    with work_folder("render") as work:
+        packet_file = packet or work / "frame.packet"
         if packet or backend == "glsl":
             _run_renderer(["packet", str(scene), *options, "-o", str(packet_file)])
         if packet and output is None:
             print(shown(packet))
             return
         if backend == "cpp":
-            runner = CppRunner(declared, Sandbox(Path(work)), double, layers or full)
+            runner = CppRunner(declared, Sandbox(work), double, layers or full)
             _student_build(runner, folder)
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
             if packet:
@@ -178,7 +176,7 @@ def render(
             image = ["image", str(scene), *options, "--plugin", str(runner.plugin.file), "-o", str(output.resolve()), *numbers]
             _show(runner.sandbox.run([str(RENDER), *image], Limits(seconds=600, memory=8 << 30), cwd=Path.cwd()))
         else:
-            gl = GlslRunner(declared, Sandbox(Path(work)))
+            gl = GlslRunner(declared, Sandbox(work))
             _student_build(gl, folder)
             [(_, drawn)] = gl.run([Draw(Scene(scene.stem, scene, 0), packet_file)])
             if drawn.array is None:
@@ -250,9 +248,8 @@ def evaluate(
         raise UserError(f"{shown(inputs)}: cannot be read as .npz; write it with numpy.savez") from None
     columns = declared.input_columns(wanted)
     rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
-    (STATE / "work").mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="eval-", dir=STATE / "work") as work:
-        sandbox = Sandbox(Path(work))
+    with work_folder("eval") as work:
+        sandbox = Sandbox(work)
         runner = CppRunner(declared, sandbox, double) if backend == "cpp" else GlslRunner(declared, sandbox)
         _student_build(runner, directory)
         [(_, result)] = runner.run([Evaluate(wanted, rows)])

@@ -2,8 +2,6 @@
 
 import hashlib
 import platform
-import shutil
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,17 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from shadelab import __version__, expected as expected_data, intake
+from shadelab import __version__, intake
+from shadelab import expected as expected_data
 from shadelab.build import BuildError
 from shadelab.errors import InfrastructureError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import Expected, missing_meshes
 from shadelab.findings import judge_function, judge_image
 from shadelab.manifest import Assignment, Function, Scene, named_arrays, read_toml
-from shadelab.paths import STATE, shown
+from shadelab.paths import shown
 from shadelab.report.html import Pictures
 from shadelab.result import Check, Result
-from shadelab.sandbox import Sandbox
+from shadelab.sandbox import Sandbox, work_folder
 
 BACKENDS = ("cpp", "glsl")
 
@@ -69,7 +68,6 @@ def grade(
     out: Path | None = None,
     only: str = "*",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
-    work: Path | None = None,
 ) -> Grading:
     """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks.
 
@@ -96,21 +94,15 @@ def grade(
                 result.write(out / "result.json")
             progress(check.id, len(result.checks), total)
 
-    (STATE / "work").mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix="grade-", dir=STATE / "work")) if work is None else work
-    try:
+    with work_folder("grade") as folder, ThreadPoolExecutor(len(BACKENDS)) as pool:
         files = intake.take(submission, assignment, folder / "submission")
-        with ThreadPoolExecutor(len(BACKENDS)) as pool:
-            chains = [
-                pool.submit(_grade_backend, backend, assignment, expected, plans[backend], files, folder, record, result)
-                for backend in BACKENDS
-                if plans[backend]
-            ]
-            for chain in chains:
-                chain.result()
-    finally:
-        if work is None:
-            shutil.rmtree(folder, ignore_errors=True)
+        chains = [
+            pool.submit(_grade_backend, backend, assignment, expected, plans[backend], files, folder, record, result)
+            for backend in BACKENDS
+            if plans[backend]
+        ]
+        for chain in chains:
+            chain.result()
     order = {p.id: k for k, p in enumerate(p for b in BACKENDS for p in [Plan(f"{b}/build", b, 0, None, []), *plans[b]])}
     result.checks.sort(key=lambda check: order[check.id])
     result.complete = True

@@ -9,14 +9,35 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from shadelab.errors import InfrastructureError
+from shadelab.paths import STATE
 
 OUTPUT_KEPT = 4096  # bytes of what the code prints that a report shows
+
+
+@contextmanager
+def work_folder(purpose: str) -> Iterator[Path]:
+    """A folder for one run, gone afterwards. What killed runs left behind goes after a day."""
+    parent = STATE / "work"
+    parent.mkdir(parents=True, exist_ok=True)
+    for stale in parent.iterdir():
+        try:
+            if time.time() - stale.stat().st_mtime > 86400:
+                shutil.rmtree(stale, ignore_errors=True)
+        except FileNotFoundError:
+            pass  # another run was faster
+    folder = Path(tempfile.mkdtemp(prefix=f"{purpose}-", dir=parent))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @dataclass(frozen=True)

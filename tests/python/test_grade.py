@@ -4,7 +4,6 @@ import json
 import time
 
 import pytest
-
 from conftest import ROOT
 
 GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."

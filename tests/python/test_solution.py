@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from mpmath import mpf
-
 from conftest import ROOT
+from mpmath import mpf
 from shadelab import exact
 from shadelab.expected import load
 from shadelab.findings import scaled_error
