@@ -368,6 +368,12 @@ def test(
 ) -> None:
     """Run all tests: C++ (ctest) and Python (pytest). The output ends with pytest's summary."""
     environment = {**os.environ, "SHADELAB_ROOT": str(ROOT)}
+    # Only those who run the tests compile them; set-up builds the renderer alone.
+    print("building the C++ tests", file=sys.stderr)
+    build = subprocess.run(["ninja", "-C", str(ROOT / "build"), "--quiet"], capture_output=True, text=True)
+    if build.returncode:
+        print(build.stdout[-4000:], build.stderr[-1000:], "the C++ tests do not compile", sep="\n", file=sys.stderr)
+        raise typer.Exit(1)
     cpp = subprocess.run(["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment).returncode
     # -I: a submission's numpy.py in the working folder must never be imported by us.
     command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]

@@ -131,7 +131,7 @@ def _relation(truth: np.ndarray, actual: np.ndarray, error: np.ndarray, limit: f
     low, middle, high = np.percentile(ratio, [5, 50, 95])
     if high - low > 0.01 * abs(middle) + 1e-6:
         return ""
-    return "always 0" if middle == 0 else f"always {middle:.4g} times what is expected"
+    return "yours is always 0" if middle == 0 else f"yours is always {middle:.4g} times what is expected"
 
 
 def _numbers(values: np.ndarray) -> list[float | str]:
@@ -144,7 +144,9 @@ def _and(names: list[str]) -> str:
 
 
 def _share(share: float) -> str:
-    return "all" if share == 1 else f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
+    if share > 0.995:
+        return "all" if share == 1 else "nearly all"
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 # -------------------------------------------------------------------------------------------------------- images
@@ -214,8 +216,8 @@ def _describe_image(
     if not_finite:
         y, x = np.argwhere(~np.isfinite(layers[..., :3]).all(axis=2))[0]
         parts.append(f"{not_finite} pixels are not finite, the first at ({x}, {y})")
-    if edge_share > EDGE_CAP:
-        parts.append(f"{_share(edge_share)} of the edge pixels are off")
+    if edge_share > EDGE_CAP and share <= FULL_MARKS:
+        parts.append(f"{_share(edge_share)} of the edge pixels are off (at most {_share(EDGE_CAP)} may be)")
     wrong, right = [], []
     for term in ("ambient", "diffuse", "specular"):
         reference = truth.layer(term).astype(np.float64)

@@ -19,7 +19,9 @@ class Random {
 public:
     explicit Random(uint64_t seed) : engine_(seed) {}
     double uniform(double from = 0, double to = 1) { return from + (to - from) * double(engine_() >> 11) * 0x1p-53; }
-    int64_t integer(int64_t from, int64_t to) { return from + int64_t(engine_() % uint64_t(to - from + 1)); }  // both included
+    int64_t integer(int64_t from, int64_t to) {
+        return from + int64_t(engine_() % uint64_t(to - from + 1));
+    }  // both included
     glm::dvec3 in_box(double half) { return {uniform(-half, half), uniform(-half, half), uniform(-half, half)}; }
     glm::dvec3 direction() {
         for (;;) {
@@ -59,7 +61,9 @@ struct Point {
 };
 
 /// Twice the signed area of (a, b, c), positive when they run counter-clockwise. Exact.
-inline __int128 cross(Point a, Point b, Point c) { return __int128(b.x - a.x) * (c.y - a.y) - __int128(c.x - a.x) * (b.y - a.y); }
+inline __int128 cross(Point a, Point b, Point c) {
+    return __int128(b.x - a.x) * (c.y - a.y) - __int128(c.x - a.x) * (b.y - a.y);
+}
 
 /// Whether the triangle covers the point, exactly. The tie rule in another guise than the rasterizer's: a point on an edge
 /// belongs to the triangle that holds it after a step to the right by e and a step up by e^2, for an infinitely small e. (So a
@@ -80,7 +84,9 @@ inline bool covers_exactly(const ScreenTriangle& t, Point p) {
     return true;
 }
 
-inline Point sample_at(glm::ivec2 pixel, glm::ivec2 sample) { return {int64_t(pixel.x) * 256 + sample.x, int64_t(pixel.y) * 256 + sample.y}; }
+inline Point sample_at(glm::ivec2 pixel, glm::ivec2 sample) {
+    return {int64_t(pixel.x) * 256 + sample.x, int64_t(pixel.y) * 256 + sample.y};
+}
 
 inline VisibilityTile empty_tile(int samples) {
     VisibilityTile tile;

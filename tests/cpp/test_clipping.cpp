@@ -26,7 +26,8 @@ std::vector<glm::dvec2> visible_polygon(const glm::vec4 clip[3], int width, int 
         for (int c = 0; c < 4; ++c) largest = std::max(largest, std::abs(double(clip[k][c])));
     const double gx = 1 + 2 * guard_pixels / width, gy = 1 + 2 * guard_pixels / height;
     std::vector<glm::dvec4> polygon(clip, clip + 3);
-    for (const glm::dvec4 plane : {glm::dvec4(0, 0, 1, 1), {0, 0, -1, 1}, {1, 0, 0, gx}, {-1, 0, 0, gx}, {0, 1, 0, gy}, {0, -1, 0, gy}}) {
+    for (const glm::dvec4 plane :
+         {glm::dvec4(0, 0, 1, 1), {0, 0, -1, 1}, {1, 0, 0, gx}, {-1, 0, 0, gx}, {0, 1, 0, gy}, {0, -1, 0, gy}}) {
         std::vector<glm::dvec4> kept;
         for (size_t i = 0; i < polygon.size(); ++i) {
             const glm::dvec4 a = polygon[i], b = polygon[(i + 1) % polygon.size()];
@@ -39,8 +40,11 @@ std::vector<glm::dvec2> visible_polygon(const glm::vec4 clip[3], int width, int 
     std::vector<glm::dvec2> out;
     error = 0.71;
     for (const glm::dvec4& p : polygon)
-        error = std::max(error, 0.71 + 12 * 0x1p-24 * largest / p.w * (1 + std::max(std::abs(p.x), std::abs(p.y)) / p.w) * std::max(width, height) / 2 * 256);
-    for (const glm::dvec4& p : polygon) out.push_back({((p.x / p.w + 1) * width / 2 - 0.5) * 256, ((p.y / p.w + 1) * height / 2 - 0.5) * 256});
+        error =
+            std::max(error, 0.71 + 12 * 0x1p-24 * largest / p.w * (1 + std::max(std::abs(p.x), std::abs(p.y)) / p.w) *
+                                       std::max(width, height) / 2 * 256);
+    for (const glm::dvec4& p : polygon)
+        out.push_back({((p.x / p.w + 1) * width / 2 - 0.5) * 256, ((p.y / p.w + 1) * height / 2 - 0.5) * 256});
     return out;
 }
 
@@ -60,13 +64,13 @@ double perimeter_of(const std::vector<glm::dvec2>& polygon) {
 }
 
 double area_of(const ScreenTriangle& t) {
-    const ScreenVertex *v = t.vertex;
+    const ScreenVertex* v = t.vertex;
     return double(cross({v[0].x, v[0].y}, {v[1].x, v[1].y}, {v[2].x, v[2].y})) / 2;
 }
 
 bool same_place(const ScreenVertex& a, const ScreenVertex& b) { return a.x == b.x && a.y == b.y; }
 
-/// Draws the pieces of all triangles three times: so that the first, the last and the nearest (by number) of a sample is seen.
+/// Draws the pieces of all triangles twice: so that of each sample the first and so that the last to cover it is seen.
 struct Coverage {
     VisibilityTile first = empty_tile(1), last = empty_tile(1);
     int drawn = 0;
@@ -91,7 +95,8 @@ struct Coverage {
 
 TEST_CASE("projection: window coordinates on the sub-pixel grid, depth from 0 to 1") {
     // The centre of the bottom-left pixel is (0, 0); the film's bottom-left corner lies half a pixel (128) below and left of it.
-    const ScreenVertex corner = project({-1, -1, -1, 1}, 640, 480), centre = project({0, 0, 0, 2}, 640, 480), far = project({3, 3, 3, 3}, 640, 480);
+    const ScreenVertex corner = project({-1, -1, -1, 1}, 640, 480), centre = project({0, 0, 0, 2}, 640, 480),
+                       far = project({3, 3, 3, 3}, 640, 480);
     CHECK((corner.x == -128 && corner.y == -128 && corner.z == 0));
     CHECK((centre.x == 320 * 256 - 128 && centre.y == 240 * 256 - 128 && centre.z == 0.5f));
     CHECK((far.x == 640 * 256 - 128 && far.y == 480 * 256 - 128 && far.z == 1));
@@ -127,11 +132,13 @@ TEST_CASE("what lies inside is not touched, what lies beyond one plane is gone")
         }
         const int axis = i % 3;
         const float side = i % 2 ? 1.0f : -1.0f;
-        for (glm::vec4& c : corners) c[axis] = side * 200 * (std::abs(c.w) + 1);  // beyond the guard band (83 for 200 pixels) too
+        for (glm::vec4& c : corners)
+            c[axis] = side * 200 * (std::abs(c.w) + 1);  // beyond the guard band (83 for 200 pixels) too
         out.clear();
         clip_and_project(corners, 300, 200, 9, out);
         CHECK(out.empty());
-        CHECK((clip_code(corners[0], 300, 200) & clip_code(corners[1], 300, 200) & clip_code(corners[2], 300, 200)) != 0);
+        CHECK((clip_code(corners[0], 300, 200) & clip_code(corners[1], 300, 200) & clip_code(corners[2], 300, 200)) !=
+              0);
     }
     const float nan = std::nanf("");
     CHECK(clip_code({nan, 0, 0, 1}, 300, 200) == clip_not_finite);
@@ -151,7 +158,8 @@ TEST_CASE("clipping keeps the visible area and the orientation") {
         for (glm::vec4& c : corners) {
             // Perspective: w is the distance in front of the eye, z = ((f + n) w - 2 f n) / (f - n).
             const double w = random.uniform(-4, 8), spread = i % 4 == 0 ? 4000 : 8;
-            c = glm::vec4(random.uniform(-spread, spread), random.uniform(-spread, spread), ((far + near) * w - 2 * far * near) / (far - near), w);
+            c = glm::vec4(random.uniform(-spread, spread), random.uniform(-spread, spread),
+                          ((far + near) * w - 2 * far * near) / (far - near), w);
         }
         std::vector<ScreenTriangle> pieces;
         clip_and_project(corners, 64, 48, 3, pieces);
@@ -189,7 +197,6 @@ TEST_CASE("neighbours are cut at the same points, whatever corner their triangle
             return glm::vec4(random.uniform(-800, 800), random.uniform(-800, 800), 1.02 * w - 0.1, w);
         };
         const glm::vec4 a = corner(), b = corner(), c = corner(), d = corner();
-        // All points of both outlines; the cut points of the edge a b must be in both.
         const auto outline = [](glm::vec4 p, glm::vec4 q, glm::vec4 r) {
             const glm::vec4 corners[3] = {p, q, r};
             std::vector<ScreenTriangle> pieces;
@@ -199,12 +206,13 @@ TEST_CASE("neighbours are cut at the same points, whatever corner their triangle
             return out;
         };
         const std::vector<ScreenVertex> one = outline(a, b, c), two = outline(d, b, a), other = outline(c, a, b);
-        // The points on the edge: those of the triangle that has no other corner, a b and their middle.
+        // The points on the edge a b, as a triangle that is nothing but this edge has them: they must be in all outlines.
         const glm::vec4 edge[3] = {a, b, a};
         std::vector<ScreenTriangle> on_edge;
         clip_and_project(edge, 64, 64, 0, on_edge);
         const auto holds = [](const std::vector<ScreenVertex>& points, const ScreenVertex& p) {
-            return std::any_of(points.begin(), points.end(), [&](const ScreenVertex& q) { return same_place(p, q) && p.z == q.z; });
+            return std::any_of(points.begin(), points.end(),
+                               [&](const ScreenVertex& q) { return same_place(p, q) && p.z == q.z; });
         };
         for (const ScreenTriangle& t : on_edge)
             for (const ScreenVertex& v : t.vertex) {
@@ -223,9 +231,11 @@ TEST_CASE("a floor that runs under and behind the eye is covered without gap or 
         // A floor at y = 0, cut into a jittered grid; some cells are far larger than the distance to the eye.
         const double cell = round % 3 == 0 ? 0.37 : round % 3 == 1 ? 3.1 : 40, near = 0.05, far = 200;
         const int across = round % 3 == 0 ? 40 : 12;
-        const double height = random.uniform(0.3, 2), pitch = random.uniform(-0.2, 0.9), heading = random.uniform(0, 6.28), roll = random.uniform(-0.5, 0.5);
+        const double height = random.uniform(0.3, 2), pitch = random.uniform(-0.2, 0.9),
+                     heading = random.uniform(0, 6.28), roll = random.uniform(-0.5, 0.5);
         const glm::dvec3 eye(random.uniform(-1, 1) * cell, height, random.uniform(-1, 1) * cell);
-        const glm::dvec3 forward(std::cos(heading) * std::cos(pitch), -std::sin(pitch), std::sin(heading) * std::cos(pitch));
+        const glm::dvec3 forward(std::cos(heading) * std::cos(pitch), -std::sin(pitch),
+                                 std::sin(heading) * std::cos(pitch));
         const glm::dvec3 up(std::sin(roll), std::cos(roll), 0);
         const glm::dmat4 to_clip = glm::perspective(1.2, 1.0, near, far) * glm::lookAt(eye, eye + forward, up);
         const double half = cell * across / 2;
@@ -233,7 +243,8 @@ TEST_CASE("a floor that runs under and behind the eye is covered without gap or 
         for (int j = 0; j <= across; ++j)
             for (int i = 0; i <= across; ++i) {
                 const bool border = i == 0 || j == 0 || i == across || j == across;
-                const double dx = border ? 0 : random.uniform(-0.24, 0.24) * cell, dz = border ? 0 : random.uniform(-0.24, 0.24) * cell;
+                const double dx = border ? 0 : random.uniform(-0.24, 0.24) * cell,
+                             dz = border ? 0 : random.uniform(-0.24, 0.24) * cell;
                 points.push_back(glm::vec4(to_clip * glm::dvec4(i * cell - half + dx, 0, j * cell - half + dz, 1)));
             }
         Coverage coverage;
@@ -254,12 +265,14 @@ TEST_CASE("a floor that runs under and behind the eye is covered without gap or 
                 // Where the pixel's ray meets the floor, and how sure that is: the borders of floor, near and far plane may
                 // be moved by rounding, by well under 0.1 pixel or 1e-3 of a distance.
                 const auto hits = [&](double px, double py, double margin) {
-                    const glm::dvec4 q = glm::inverse(to_clip) * glm::dvec4(2 * px / tile_size - 1, 2 * py / tile_size - 1, 0, 1);
+                    const glm::dvec4 q =
+                        glm::inverse(to_clip) * glm::dvec4(2 * px / tile_size - 1, 2 * py / tile_size - 1, 0, 1);
                     const glm::dvec3 ray = glm::dvec3(q) / q.w - eye;
                     if (ray.y >= 0) return false;
                     const glm::dvec3 hit = eye + ray * (-eye.y / ray.y);
                     const double distance = glm::dot(hit - eye, glm::normalize(forward));
-                    return distance > near * (1 + margin) && distance < far * (1 - margin) && std::abs(hit.x) < half * (1 - margin) && std::abs(hit.z) < half * (1 - margin);
+                    return distance > near * (1 + margin) && distance < far * (1 - margin) &&
+                           std::abs(hit.x) < half * (1 - margin) && std::abs(hit.z) < half * (1 - margin);
                 };
                 bool surely = true, maybe = false;
                 for (double dy : {-0.1, 0.0, 0.1})
@@ -280,16 +293,18 @@ TEST_CASE("a floor that runs under and behind the eye is covered without gap or 
 }
 
 TEST_CASE("projected corners fit the fixed-point grid, however far the triangle reaches") {
-    // The rasterizer's 32-bit edge functions hold for coordinates below 2^23. Float32 clipping alone does not promise that: its
-    // error is relative to the corners that are cut off, its result is divided by the w of the near plane.
+    // The rasterizer's 32-bit edge functions hold for coordinates below 2^23, so for films of 16384 pixels the guard band must be
+    // kept to the pixel, although a cut's error is relative to the corners that are cut off and is divided by the near plane's w.
     Random random(15);
     int drawn = 0;
     for (int i = 0; i < 50000; ++i) {
-        const double reach = std::pow(10, random.uniform(0, 9)), near = std::pow(10, random.uniform(-4, 0)), far = 1e4 * near;
+        const double reach = std::pow(10, random.uniform(0, 9)), near = std::pow(10, random.uniform(-4, 0)),
+                     far = 1e4 * near;
         glm::vec4 corners[3];
         for (glm::vec4& c : corners) {
             const double w = random.uniform(-reach, reach);
-            c = glm::vec4(random.uniform(-reach, reach), random.uniform(-reach, reach), ((far + near) * w - 2 * far * near) / (far - near), w);
+            c = glm::vec4(random.uniform(-reach, reach), random.uniform(-reach, reach),
+                          ((far + near) * w - 2 * far * near) / (far - near), w);
         }
         const int size = i % 2 ? 16384 : 64;
         std::vector<ScreenTriangle> pieces;
@@ -300,6 +315,7 @@ TEST_CASE("projected corners fit the fixed-point grid, however far the triangle 
                 CAPTURE(i, reach, near, v.x, v.y);
                 REQUIRE(std::abs(int64_t(v.x) - size * 128) <= (size / 2 + 8192) * 256 + 1024);
                 REQUIRE(std::abs(int64_t(v.y) - size * 128) <= (size / 2 + 8192) * 256 + 1024);
+                REQUIRE((v.z >= 0 && v.z <= 1));
             }
     }
     CHECK(drawn > 5000);
@@ -311,11 +327,15 @@ TEST_CASE("a floor far larger than the near distance has no holes") {
     Random random(16);
     for (int round = 0; round < 400; ++round) {
         const double heading = random.uniform(0, 6.28), pitch = random.uniform(0.2, 0.9), half = 1e4;
-        const glm::dvec3 eye(0, 1, 0), forward(std::cos(heading) * std::cos(pitch), -std::sin(pitch), std::sin(heading) * std::cos(pitch));
-        const glm::dmat4 to_clip = glm::perspective(0.3, 1.0, 1e-3, 1e3) * glm::lookAt(eye, eye + forward, glm::dvec3(0, 1, 0));
+        const glm::dvec3 eye(0, 1, 0),
+            forward(std::cos(heading) * std::cos(pitch), -std::sin(pitch), std::sin(heading) * std::cos(pitch));
+        const glm::dmat4 to_clip =
+            glm::perspective(0.3, 1.0, 1e-3, 1e3) * glm::lookAt(eye, eye + forward, glm::dvec3(0, 1, 0));
         // The view is 0.3 high and looks down by at least 0.2: every pixel sees the floor, at most 1 / tan(0.05) = 20 away.
         glm::vec4 points[4];
-        for (int k = 0; k < 4; ++k) points[k] = glm::vec4(to_clip * glm::dvec4(half * (k == 0 || k == 3 ? -1 : 1), 0, half * (k < 2 ? -1 : 1), 1));
+        for (int k = 0; k < 4; ++k)
+            points[k] =
+                glm::vec4(to_clip * glm::dvec4(half * (k == 0 || k == 3 ? -1 : 1), 0, half * (k < 2 ? -1 : 1), 1));
         Coverage coverage;
         for (const auto& t : {std::array{0, 1, 2}, std::array{0, 2, 3}}) {
             const glm::vec4 corners[3] = {points[t[0]], points[t[1]], points[t[2]]};

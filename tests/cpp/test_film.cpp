@@ -30,7 +30,8 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
+constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN(),
+                infinity = std::numeric_limits<float>::infinity();
 
 Film film_of(int width, int height, bool layers, glm::dvec3 background = glm::dvec3(0)) {
     Features features;
@@ -78,7 +79,9 @@ TEST_CASE("a new film: background in the total, nothing elsewhere, depth at the 
     const Film plain = film_of(3, 2, false, {0.25, 0.5, 2});
     REQUIRE(plain.layers.size() == 1);
     CHECK(plain.channel_count() == 3);
-    for (size_t i = 0; i < 6; ++i) CHECK((plain.layers[0].pixel(i)[0] == 0.25f && plain.layers[0].pixel(i)[1] == 0.5f && plain.layers[0].pixel(i)[2] == 2));
+    for (size_t i = 0; i < 6; ++i)
+        CHECK((plain.layers[0].pixel(i)[0] == 0.25f && plain.layers[0].pixel(i)[1] == 0.5f &&
+               plain.layers[0].pixel(i)[2] == 2));
     const Film full = film_of(3, 2, true, {0.25, 0.5, 2});
     std::string names;
     for (const Layer& layer : full.layers) names += layer.name + std::to_string(layer.channels) + " ";
@@ -106,8 +109,9 @@ TEST_CASE("npy: the header that NumPy asks for, then rows from the top with the 
         CHECK(start % 64 == 0);
         REQUIRE(bytes.size() == start + size_t(width) * height * 21 * sizeof(float));
         const std::string header = bytes.substr(10, start - 10);
-        CHECK_THAT(header, Catch::Matchers::StartsWith("{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(height) + ", " +
-                                                       std::to_string(width) + ", 21), }"));
+        CHECK_THAT(header,
+                   Catch::Matchers::StartsWith("{'descr': '<f4', 'fortran_order': False, 'shape': (" +
+                                               std::to_string(height) + ", " + std::to_string(width) + ", 21), }"));
         CHECK(header.back() == '\n');
         CHECK(header.find_first_not_of(' ', header.find('}') + 1) == header.size() - 1);
         std::vector<float> data((bytes.size() - start) / sizeof(float));
@@ -130,7 +134,8 @@ TEST_CASE("png: sRGB bytes of known values, exposure, magenta for what is not a 
     const struct {
         float linear;
         int byte;
-    } known[] = {{0, 0}, {1, 255}, {0.0031308f, 10}, {0.5f, 188}, {0.18f, 118}, {0.2140f, 127}, {0.2141f, 128}, {0.001f, 3}, {-1, 0}, {2, 255}, {0.9f, 243}, {infinity, 255}};
+    } known[] = {{0, 0},         {1, 255},    {0.0031308f, 10}, {0.5f, 188}, {0.18f, 118}, {0.2140f, 127},
+                 {0.2141f, 128}, {0.001f, 3}, {-1, 0},          {2, 255},    {0.9f, 243},  {infinity, 255}};
     const int count = int(std::size(known));
     Film film = film_of(count + 5, 2, false);
     for (int x = 0; x < count; ++x) {
@@ -138,7 +143,8 @@ TEST_CASE("png: sRGB bytes of known values, exposure, magenta for what is not a 
         film.layers[0].pixel(size_t(x))[1] = known[count - 1 - x].linear;
         film.layers[0].pixel(size_t(x))[2] = 1;
     }
-    const glm::vec3 broken[5] = {{not_a_number, 0, 0}, {0, not_a_number, 0}, {1, 1, not_a_number}, glm::vec3(not_a_number), {-infinity, 0, 0}};
+    const glm::vec3 broken[5] = {
+        {not_a_number, 0, 0}, {0, not_a_number, 0}, {1, 1, not_a_number}, glm::vec3(not_a_number), {-infinity, 0, 0}};
     for (int k = 0; k < 5; ++k)
         for (int c = 0; c < 3; ++c) film.layers[0].pixel(size_t(count + k))[c] = broken[k][c];
     film.layers[0].pixel(size_t(count + 5))[1] = 0.25f;  // the second row's first pixel
@@ -168,10 +174,13 @@ TEST_CASE("png: one file per layer") {
     film.find("ambient")->data = {0.5f, 0, 0, 0, 0, 0};
     write_film(film, folder / "image.png", 0);
     std::set<std::string> names;
-    for (const auto& entry : std::filesystem::directory_iterator(folder / ".")) names.insert(entry.path().filename().string());
-    CHECK(names == std::set<std::string>{"image.png", "image.ambient.png", "image.diffuse.png", "image.specular.png", "image.coverage.png", "image.id.png",
-                                         "image.depth.png", "image.normal.png", "image.position.png"});
-    const Png depth = read_png(folder / "image.depth.png"), normal = read_png(folder / "image.normal.png"), id = read_png(folder / "image.id.png");
+    for (const auto& entry : std::filesystem::directory_iterator(folder / "."))
+        names.insert(entry.path().filename().string());
+    CHECK(names == std::set<std::string>{"image.png", "image.ambient.png", "image.diffuse.png", "image.specular.png",
+                                         "image.coverage.png", "image.id.png", "image.depth.png", "image.normal.png",
+                                         "image.position.png"});
+    const Png depth = read_png(folder / "image.depth.png"), normal = read_png(folder / "image.normal.png"),
+              id = read_png(folder / "image.id.png");
     CHECK((depth.at(0, 0) == glm::ivec3(128) && depth.at(1, 0) == glm::ivec3(255)));
     CHECK((normal.at(0, 0) == glm::ivec3(128, 128, 255) && normal.at(1, 0) == glm::ivec3(255, 0, 255)));
     CHECK((id.at(0, 0) == glm::ivec3(128) && id.at(1, 0) == glm::ivec3(255)));
@@ -192,16 +201,20 @@ TEST_CASE("exr: named float channels, the total in the root layer, rows from the
         names.insert(channel.name());
         CHECK(channel.channel().type == Imf::FLOAT);
     }
-    CHECK(names == std::set<std::string>{"R", "G", "B", "ambient.R", "ambient.G", "ambient.B", "diffuse.R", "diffuse.G", "diffuse.B", "specular.R", "specular.G",
-                                         "specular.B", "coverage", "id", "depth", "normal.X", "normal.Y", "normal.Z", "position.X", "position.Y", "position.Z"});
+    CHECK(names == std::set<std::string>{
+                       "R",         "G",         "B",          "ambient.R",  "ambient.G",  "ambient.B",  "diffuse.R",
+                       "diffuse.G", "diffuse.B", "specular.R", "specular.G", "specular.B", "coverage",   "id",
+                       "depth",     "normal.X",  "normal.Y",   "normal.Z",   "position.X", "position.Y", "position.Z"});
     const struct {
         const char *channel, *layer;
         int component;
-    } examples[] = {{"R", "total", 0}, {"G", "total", 1}, {"B", "total", 2}, {"diffuse.B", "diffuse", 2}, {"depth", "depth", 0}, {"position.Y", "position", 1}};
+    } examples[] = {{"R", "total", 0},           {"G", "total", 1},     {"B", "total", 2},
+                    {"diffuse.B", "diffuse", 2}, {"depth", "depth", 0}, {"position.Y", "position", 1}};
     for (const auto& example : examples) {
         std::vector<float> values(28);
         Imf::FrameBuffer frame;
-        frame.insert(example.channel, Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(values.data()), sizeof(float), 7 * sizeof(float)));
+        frame.insert(example.channel,
+                     Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(values.data()), sizeof(float), 7 * sizeof(float)));
         in.setFrameBuffer(frame);
         in.readPixels(window.min.y, window.max.y);
         const Layer& layer = *film.find(example.layer);
@@ -231,7 +244,8 @@ TEST_CASE("downsampling averages colours and coverage, and takes geometry from o
     const Film one = two.downsampled(2);
     CHECK(one.find("total")->data == std::vector<float>{3, 0, 1});
     CHECK(one.find("coverage")->data == std::vector<float>{0.75f});
-    CHECK(std::set<float>{1, 2, 3, 4}.count(one.find("id")->data[0]) == 1);  // an object that is there, never the mean 2.5
+    CHECK(std::set<float>{1, 2, 3, 4}.count(one.find("id")->data[0]) ==
+          1);  // an object that is there, never the mean 2.5
     const Film same = two.downsampled(1);
     CHECK(same.find("total")->data == two.find("total")->data);
 }
@@ -239,7 +253,8 @@ TEST_CASE("downsampling averages colours and coverage, and takes geometry from o
 TEST_CASE("unknown extensions are the user's error, files that cannot be written are not") {
     const TemporaryFolder folder;
     const Film film = film_of(2, 2, false);
-    for (const char* name : {"image.jpg", "image", "image.PNGG"}) CHECK_THROWS_AS(write_film(film, folder / name, 0), InputError);
+    for (const char* name : {"image.jpg", "image", "image.PNGG"})
+        CHECK_THROWS_AS(write_film(film, folder / name, 0), InputError);
     for (const char* name : {"no/image.png", "no/image.exr", "no/image.npy"}) {
         CHECK_THROWS_AS(write_film(film, folder / name, 0), InfrastructureError);
         CHECK_THROWS_WITH(write_film(film, folder / name, 0), Contains(name) && Contains("cannot be written"));

@@ -38,19 +38,22 @@ std::string error_of(const std::string& text, Normals mode = Normals::smooth) {
 double area_of(const Mesh& mesh) {
     double sum = 0;
     for (size_t t = 0; t < mesh.triangle_count(); ++t) {
-        const glm::dvec3 a = mesh.positions[mesh.indices[3 * t]], b = mesh.positions[mesh.indices[3 * t + 1]], c = mesh.positions[mesh.indices[3 * t + 2]];
+        const glm::dvec3 a = mesh.positions[mesh.indices[3 * t]], b = mesh.positions[mesh.indices[3 * t + 1]],
+                         c = mesh.positions[mesh.indices[3 * t + 2]];
         sum += glm::length(glm::cross(b - a, c - a)) / 2;
     }
     return sum;
 }
 
 bool mentions(const Mesh& mesh, const std::string& text) {
-    return std::any_of(mesh.notes.begin(), mesh.notes.end(), [&](const std::string& note) { return note.find(text) != std::string::npos; });
+    return std::any_of(mesh.notes.begin(), mesh.notes.end(),
+                       [&](const std::string& note) { return note.find(text) != std::string::npos; });
 }
 
 std::string vertices(const std::vector<glm::dvec3>& points) {
     std::string out;
-    for (glm::dvec3 p : points) out += "v " + std::to_string(p.x) + " " + std::to_string(p.y) + " " + std::to_string(p.z) + "\n";
+    for (glm::dvec3 p : points)
+        out += "v " + std::to_string(p.x) + " " + std::to_string(p.y) + " " + std::to_string(p.z) + "\n";
     return out;
 }
 
@@ -59,7 +62,9 @@ const std::string square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 /// A cube whose six faces are cut along one diagonal or the other, by the bits of `cuts`.
 std::string cube(unsigned cuts) {
     std::string out;
-    for (int i = 0; i < 8; ++i) out += "v " + std::to_string(i & 1) + " " + std::to_string(i >> 1 & 1) + " " + std::to_string(i >> 2 & 1) + "\n";
+    for (int i = 0; i < 8; ++i)
+        out +=
+            "v " + std::to_string(i & 1) + " " + std::to_string(i >> 1 & 1) + " " + std::to_string(i >> 2 & 1) + "\n";
     const int faces[6][4] = {{1, 3, 4, 2}, {5, 6, 8, 7}, {1, 2, 6, 5}, {3, 7, 8, 4}, {1, 5, 7, 3}, {2, 4, 8, 6}};
     for (int f = 0; f < 6; ++f) {
         const auto corner = [&](int k) { return " " + std::to_string(faces[f][(k + int(cuts >> f & 1)) % 4]); };
@@ -95,7 +100,8 @@ TEST_CASE("angle weighting: refining a face does not tilt the normal, unequal ar
         fan.push_back({-std::cos(angle) / std::sqrt(2), std::sin(angle), -std::cos(angle) / std::sqrt(2)});
     }
     text += vertices(fan);
-    for (int i = 0; i < 40; ++i) text += "f 1 " + std::to_string(i == 39 ? 2 : 6 + i) + " " + std::to_string(5 + i) + "\n";
+    for (int i = 0; i < 40; ++i)
+        text += "f 1 " + std::to_string(i == 39 ? 2 : 6 + i) + " " + std::to_string(5 + i) + "\n";
     const Mesh mesh = load(text);
     bool found = false;
     for (size_t i = 0; i < mesh.positions.size(); ++i)
@@ -197,12 +203,16 @@ TEST_CASE("polygons, also concave ones, are cut into triangles of the same area 
 
 TEST_CASE("negative indices, groups, comments, texture coordinates and Windows line ends mean the same mesh") {
     const Mesh plain = load(square + "f 1 2 3\nf 1 3 4\n");
-    const auto same = [&](const Mesh& mesh) { return mesh.positions == plain.positions && mesh.normals == plain.normals && mesh.indices == plain.indices; };
+    const auto same = [&](const Mesh& mesh) {
+        return mesh.positions == plain.positions && mesh.normals == plain.normals && mesh.indices == plain.indices;
+    };
     CHECK(same(load(square + "f -4 -3 -2\nf -4 -2 -1\n")));
     CHECK(same(load("v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 1 0\nf -4 -2 -1\n")));
-    CHECK(same(load("# a comment\n" + square + "g first\nf 1 2 3\n\n  # here as well\no other\ng second third\ns 1\nf 1 3 4")));
+    CHECK(same(load("# a comment\n" + square +
+                    "g first\nf 1 2 3\n\n  # here as well\no other\ng second third\ns 1\nf 1 3 4")));
     CHECK(same(load(square + "vt 0 0\nvt 1 1\nf 1/1 2/2 3/1\nf 1/1 3/2 4/2\n")));
-    CHECK(same(load(square + "vn 0 1 0\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\n")));  // smooth: the file's normals are not asked for
+    CHECK(same(load(
+        square + "vn 0 1 0\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\n")));  // smooth: the file's normals are not asked for
     std::string windows = square + "g a\nf 1 2 3\nf 1 3 4\n";
     for (size_t at = 0; (at = windows.find('\n', at)) != std::string::npos; at += 2) windows.replace(at, 1, "\r\n");
     CHECK(same(load(windows)));
@@ -236,12 +246,16 @@ TEST_CASE("an index that is not there is an error with file and line") {
     const std::string file = square + "vn 0 0 1\n";  // five lines
     CHECK(error_of(file + "f 1 2 3\nf 1 2 7\n") == "mesh.obj:7: the face refers to vertex 7, but the file has 4");
     CHECK(error_of(file + "f 1 2 7 3\n") == "mesh.obj:6: the face refers to vertex 7, but the file has 4");
-    CHECK(error_of(file + "f 1 2 3 4 1000000\n") == "mesh.obj:6: the face refers to vertex 1000000, but the file has 4");
+    CHECK(error_of(file + "f 1 2 3 4 1000000\n") ==
+          "mesh.obj:6: the face refers to vertex 1000000, but the file has 4");
     CHECK(error_of(file + "\n# text\nf 1 2 -5\n") == "mesh.obj:8: the face refers to vertex -5, but the file has 4");
-    CHECK(error_of("f 1 2 -1\n" + file) == "mesh.obj:1: the face refers to vertex -1, but the file has 4");  // none stands above it
-    CHECK(error_of(file + "g a\nf 1//1 2//1 3//2\n", Normals::file) == "mesh.obj:7: the face refers to normal 2, but the file has 1");
+    CHECK(error_of("f 1 2 -1\n" + file) ==
+          "mesh.obj:1: the face refers to vertex -1, but the file has 4");  // none stands above it
+    CHECK(error_of(file + "g a\nf 1//1 2//1 3//2\n", Normals::file) ==
+          "mesh.obj:7: the face refers to normal 2, but the file has 1");
     CHECK(error_of(file + "f 1//1 2//1 3//-2\n") == "mesh.obj:6: the face refers to normal -2, but the file has 1");
-    CHECK_THAT(error_of(file + "f 0 1 2\n"), Contains("mesh.obj:6: ") && Contains("vertex 0") && Contains("counted from 1"));
+    CHECK_THAT(error_of(file + "f 0 1 2\n"),
+               Contains("mesh.obj:6: ") && Contains("vertex 0") && Contains("counted from 1"));
     CHECK_THAT(error_of(file + "f 1 two 3\n"), Contains("mesh.obj:6: "));
     CHECK_THAT(error_of(square + "v 1 x 2\nf 1 2 3\n"), Contains("mesh.obj:5: a vertex takes three numbers"));
     CHECK_THAT(error_of(square + "v 1 2\nf 1 2 3\n"), Contains("mesh.obj:5: a vertex takes three numbers"));
@@ -253,7 +267,11 @@ TEST_CASE("triangles without area or with vertices that are not finite are count
     const struct {
         const char* faces;
         int dropped;
-    } examples[] = {{"f 1 1 2\n", 1}, {"f 1 2 8\n", 1}, {"f 1 2 5\nf 6 2 3\nf 2 1 7\n", 3}, {"f 1 2\n", 1}, {"f 2 2 2\nf 3 3 1\n", 2}};
+    } examples[] = {{"f 1 1 2\n", 1},
+                    {"f 1 2 8\n", 1},
+                    {"f 1 2 5\nf 6 2 3\nf 2 1 7\n", 3},
+                    {"f 1 2\n", 1},
+                    {"f 2 2 2\nf 3 3 1\n", 2}};
     for (const auto& example : examples) {
         CAPTURE(example.faces);
         const Mesh mesh = load(more + "f 1 3 4\n" + example.faces + "f 1 2 3\n");
@@ -277,8 +295,9 @@ TEST_CASE("a file without faces or a missing file is an error that says so") {
     CHECK(error_of("this is no mesh\n") == "mesh.obj: holds no faces");
     const TemporaryFolder folder;
     for (const std::filesystem::path& path : {folder / "absent.obj", folder / "."}) {
-        CHECK_THROWS_WITH(load_mesh(path, Normals::smooth, "scene.toml:7: object[0].mesh"),
-                          Catch::Matchers::StartsWith("scene.toml:7: object[0].mesh: the mesh " + path.string() + " cannot be read"));
+        CHECK_THROWS_WITH(
+            load_mesh(path, Normals::smooth, "scene.toml:7: object[0].mesh"),
+            Catch::Matchers::StartsWith("scene.toml:7: object[0].mesh: the mesh " + path.string() + " cannot be read"));
         CHECK_THROWS_AS(load_mesh(path, Normals::smooth), InputError);
     }
 }

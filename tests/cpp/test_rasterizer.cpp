@@ -34,7 +34,9 @@ Triangulation jittered_grid(Random& random, glm::ivec2 origin, int64_t cell, int
     for (int j = 0; j <= across; ++j)
         for (int i = 0; i <= across; ++i) {
             Point p{begin_x + i * cell, begin_y + j * cell};
-            if (jitter == 1) p = {p.x + random.integer(-(cell - 1) / 4, (cell - 1) / 4), p.y + random.integer(-(cell - 1) / 4, (cell - 1) / 4)};
+            if (jitter == 1)
+                p = {p.x + random.integer(-(cell - 1) / 4, (cell - 1) / 4),
+                     p.y + random.integer(-(cell - 1) / 4, (cell - 1) / 4)};
             out.points.push_back(p);
         }
     for (int j = 0; j < across; ++j)
@@ -56,14 +58,17 @@ Triangulation jittered_grid(Random& random, glm::ivec2 origin, int64_t cell, int
 Triangulation inserted_points(Random& random, glm::ivec2 origin, int64_t half_side, int count) {
     Triangulation out;
     const Point centre{origin.x * 256ll + 32 * 256, origin.y * 256ll + 32 * 256};
-    for (const auto& [x, y] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}}) out.points.push_back({centre.x + x * half_side, centre.y + y * half_side});
+    for (const auto& [x, y] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}})
+        out.points.push_back({centre.x + x * half_side, centre.y + y * half_side});
     out.triangles = {{0, 1, 2}, {0, 2, 3}};
     for (int n = 0; n < count; ++n) {
         const int64_t reach = std::min<int64_t>(half_side, 40 * 256);
         Point p{centre.x + random.integer(-reach, reach), centre.y + random.integer(-reach, reach)};
-        const int64_t snap = std::array<int64_t, 4>{1, 32, 256, 256}[size_t(random.integer(0, 3))];  // 256: pixel centres
+        const int64_t snap =
+            std::array<int64_t, 4>{1, 32, 256, 256}[size_t(random.integer(0, 3))];  // 256: pixel centres
         p = {p.x / snap * snap, p.y / snap * snap};
-        if (std::any_of(out.points.begin(), out.points.end(), [&](Point q) { return q.x == p.x && q.y == p.y; })) continue;
+        if (std::any_of(out.points.begin(), out.points.end(), [&](Point q) { return q.x == p.x && q.y == p.y; }))
+            continue;
         const int number = int(out.points.size());
         out.points.push_back(p);
         std::vector<std::array<int, 3>> next;
@@ -90,11 +95,14 @@ int miscovered_samples(Random& random, const Triangulation& mesh, glm::ivec2 ori
         std::array<int, 3> t = mesh.triangles[i];
         if (random.integer(0, 1)) std::swap(t[0], t[1]);  // the orientation must not matter
         const float z = float(i + 1) / float(mesh.triangles.size() + 2);
-        rasterize(screen_triangle(mesh.points[t[0]], mesh.points[t[1]], mesh.points[t[2]], uint32_t(i), 1 - z), origin, samples, later);
-        rasterize(screen_triangle(mesh.points[t[0]], mesh.points[t[1]], mesh.points[t[2]], uint32_t(i), z), origin, samples, earlier);
+        rasterize(screen_triangle(mesh.points[t[0]], mesh.points[t[1]], mesh.points[t[2]], uint32_t(i), 1 - z), origin,
+                  samples, later);
+        rasterize(screen_triangle(mesh.points[t[0]], mesh.points[t[1]], mesh.points[t[2]], uint32_t(i), z), origin,
+                  samples, earlier);
     }
     int wrong = 0;
-    for (size_t s = 0; s < later.triangle.size(); ++s) wrong += later.triangle[s] == no_triangle || later.triangle[s] != earlier.triangle[s];
+    for (size_t s = 0; s < later.triangle.size(); ++s)
+        wrong += later.triangle[s] == no_triangle || later.triangle[s] != earlier.triangle[s];
     return wrong;
 }
 
@@ -102,7 +110,8 @@ int miscovered_samples(Random& random, const Triangulation& mesh, glm::ivec2 ori
 ScreenTriangle random_triangle(Random& random, glm::ivec2 origin, int kind) {
     const Point corner{origin.x * 256ll - 128, origin.y * 256ll - 128};
     const auto near_tile = [&](int64_t reach) {
-        return Point{corner.x + random.integer(-reach, tile_size * 256 + reach), corner.y + random.integer(-reach, tile_size * 256 + reach)};
+        return Point{corner.x + random.integer(-reach, tile_size * 256 + reach),
+                     corner.y + random.integer(-reach, tile_size * 256 + reach)};
     };
     const auto anywhere = [&] { return Point{random.integer(lowest, highest), random.integer(lowest, highest)}; };
     // The far end of a segment that starts in u and passes (to the nearest sub-pixel) through p.
@@ -111,7 +120,9 @@ ScreenTriangle random_triangle(Random& random, glm::ivec2 origin, int kind) {
         for (const auto& [from, to] : {std::pair(u.x, p.x), {u.y, p.y}})
             if (to != from) reach = std::min(reach, double((to > from ? highest : lowest) - to) / double(to - from));
         const double t = random.uniform(0, reach);
-        const auto along = [&](int64_t from, int64_t to) { return std::clamp(to + int64_t(std::llround(t * double(to - from))), lowest, highest); };
+        const auto along = [&](int64_t from, int64_t to) {
+            return std::clamp(to + int64_t(std::llround(t * double(to - from))), lowest, highest);
+        };
         return Point{along(u.x, p.x), along(u.y, p.y)};
     };
     Point a, b, c;
@@ -121,8 +132,12 @@ ScreenTriangle random_triangle(Random& random, glm::ivec2 origin, int kind) {
             b = {a.x + random.integer(-400, 400), a.y + random.integer(-400, 400)};
             c = {a.x + random.integer(-400, 400), a.y + random.integer(-400, 400)};
             break;
-        case 1: a = near_tile(0), b = near_tile(0), c = near_tile(0); break;
-        case 2: a = near_tile(64 * 256), b = near_tile(64 * 256), c = near_tile(64 * 256); break;
+        case 1:
+            a = near_tile(0), b = near_tile(0), c = near_tile(0);
+            break;
+        case 2:
+            a = near_tile(64 * 256), b = near_tile(64 * 256), c = near_tile(64 * 256);
+            break;
         case 3:  // two huge edges through the tile
             a = anywhere();
             b = beyond(a, near_tile(0));
@@ -139,22 +154,29 @@ ScreenTriangle random_triangle(Random& random, glm::ivec2 origin, int kind) {
             c = {b.x + random.integer(-2, 2), b.y + random.integer(-2, 2)};
             break;
         default: {  // edges through pixel centres, axis-aligned or diagonal
-            const auto centre = [&] { return Point{(origin.x + random.integer(-4, 67)) * 256, (origin.y + random.integer(-4, 67)) * 256}; };
+            const auto centre = [&] {
+                return Point{(origin.x + random.integer(-4, 67)) * 256, (origin.y + random.integer(-4, 67)) * 256};
+            };
             a = centre();
             b = random.integer(0, 1) ? Point{a.x, centre().y} : centre();
             c = random.integer(0, 1) ? Point{centre().x, a.y} : centre();
         }
     }
     const float z[3] = {float(random.uniform()), float(random.uniform()), float(random.uniform())};
-    return {{{int32_t(a.x), int32_t(a.y), z[0]}, {int32_t(b.x), int32_t(b.y), z[1]}, {int32_t(c.x), int32_t(c.y), z[2]}}, 7};
+    return {
+        {{int32_t(a.x), int32_t(a.y), z[0]}, {int32_t(b.x), int32_t(b.y), z[1]}, {int32_t(c.x), int32_t(c.y), z[2]}},
+        7};
 }
 
 glm::ivec2 random_origin(Random& random) {
     const int last = 16384 / tile_size - 1;
     switch (random.integer(0, 2)) {
-        case 0: return {0, 0};
-        case 1: return {last * tile_size, last * tile_size};
-        default: return {int(random.integer(0, last)) * tile_size, int(random.integer(0, last)) * tile_size};
+        case 0:
+            return {0, 0};
+        case 1:
+            return {last * tile_size, last * tile_size};
+        default:
+            return {int(random.integer(0, last)) * tile_size, int(random.integer(0, last)) * tile_size};
     }
 }
 
@@ -186,8 +208,8 @@ TEST_CASE("sample positions: n of them, no two in one row or column, the pixel's
 TEST_CASE("every sample of a triangulated plane is covered exactly once") {
     Random random(1);
     for (int samples : {1, 2, 4, 8, 16, 64}) {
-        // Cells from a third of a pixel to larger than the tile; unmoved ones put all vertices on pixel centres (256 divides
-        // the cell and the margin) or, at 8, 32 and 64 sub-pixels, on the samples themselves.
+        // Cells from a third of a pixel to larger than the tile. Unmoved ones of 128 and 256 have vertices on every pixel centre,
+        // and their diagonals pass through samples.
         for (int64_t cell : {int64_t(88), int64_t(128), int64_t(256), int64_t(700), int64_t(3000), int64_t(30000)}) {
             if (samples > 8 && cell < 256) continue;  // time
             for (int jitter : {0, 1}) {
@@ -218,7 +240,8 @@ TEST_CASE("coverage is that of exact arithmetic") {
             for (int s = 0; s < samples; ++s)
                 for (int y = 0; y < tile_size; ++y)
                     for (int x = 0; x < tile_size; ++x) {
-                        const bool expected = covers_exactly(t, sample_at(origin + glm::ivec2(x, y), sample_positions(samples)[s]));
+                        const bool expected =
+                            covers_exactly(t, sample_at(origin + glm::ivec2(x, y), sample_positions(samples)[s]));
                         const size_t at = size_t((s * tile_size + y) * tile_size + x);
                         wrong += tile.triangle[at] != (expected ? 7 : no_triangle);
                         inside += expected;
@@ -253,9 +276,11 @@ TEST_CASE("a triangle without area covers nothing") {
     Random random(3);
     VisibilityTile tile = empty_tile(4);
     for (int i = 0; i < 300; ++i) {
-        const Point a{random.integer(0, 63) * 256, random.integer(0, 63) * 256}, step{random.integer(-64, 64), random.integer(-64, 64)};
+        const Point a{random.integer(0, 63) * 256, random.integer(0, 63) * 256},
+            step{random.integer(-64, 64), random.integer(-64, 64)};
         const int64_t m = random.integer(-9, 9), n = random.integer(-9, 9);
-        rasterize(screen_triangle(a, {a.x + m * step.x, a.y + m * step.y}, {a.x + n * step.x, a.y + n * step.y}, 1), {0, 0}, 4, tile);
+        rasterize(screen_triangle(a, {a.x + m * step.x, a.y + m * step.y}, {a.x + n * step.x, a.y + n * step.y}, 1),
+                  {0, 0}, 4, tile);
     }
     CHECK(std::count(tile.triangle.begin(), tile.triangle.end(), 1u) == 0);
 }
@@ -276,10 +301,13 @@ TEST_CASE("depth: within 4 x 2^-24 of the plane through the corners, and never o
         for (int k = 0; k < 3; ++k) v[k] = {t.vertex[k].x, t.vertex[k].y};
         const __int128 area = cross(v[0], v[1], v[2]);
         double longest = 0;
-        for (int k = 0; k < 3; ++k) longest = std::max(longest, std::hypot(double(v[k].x - v[(k + 1) % 3].x), double(v[k].y - v[(k + 1) % 3].y)));
+        for (int k = 0; k < 3; ++k)
+            longest =
+                std::max(longest, std::hypot(double(v[k].x - v[(k + 1) % 3].x), double(v[k].y - v[(k + 1) % 3].y)));
         const bool measured = std::abs(double(area)) >= 64 * 256 * longest && longest > 0;
         well_shaped += measured;
-        const float low = std::min({t.vertex[0].z, t.vertex[1].z, t.vertex[2].z}), high = std::max({t.vertex[0].z, t.vertex[1].z, t.vertex[2].z});
+        const float low = std::min({t.vertex[0].z, t.vertex[1].z, t.vertex[2].z}),
+                    high = std::max({t.vertex[0].z, t.vertex[1].z, t.vertex[2].z});
         bool in_range = true;
         for (int s = 0; s < samples; ++s)
             for (int i = 0; i < tile_pixels; ++i) {
@@ -287,9 +315,11 @@ TEST_CASE("depth: within 4 x 2^-24 of the plane through the corners, and never o
                 if (tile.triangle[at] == no_triangle) continue;
                 in_range &= tile.depth[at] >= low && tile.depth[at] <= high;
                 if (!measured) continue;
-                const Point p = sample_at(origin + glm::ivec2(i % tile_size, i / tile_size), sample_positions(samples)[s]);
+                const Point p =
+                    sample_at(origin + glm::ivec2(i % tile_size, i / tile_size), sample_positions(samples)[s]);
                 double truth = 0;
-                for (int k = 0; k < 3; ++k) truth += double(cross(v[(k + 1) % 3], v[(k + 2) % 3], p)) / double(area) * double(t.vertex[k].z);
+                for (int k = 0; k < 3; ++k)
+                    truth += double(cross(v[(k + 1) % 3], v[(k + 2) % 3], p)) / double(area) * double(t.vertex[k].z);
                 largest_error = std::max(largest_error, std::abs(truth - double(tile.depth[at])));
             }
         REQUIRE(in_range);
@@ -306,7 +336,8 @@ TEST_CASE("of two triangles the nearer wins, and of equal depths the first stays
             for (uint32_t number = 0; number < 40; ++number) {
                 ScreenTriangle t = random_triangle(random, {0, 0}, int(number % 3));
                 t.triangle = number;
-                if (number % 2) t.vertex[0].z = t.vertex[1].z = t.vertex[2].z = float(random.integer(1, 3)) / 4;  // many equal ones
+                if (number % 2)
+                    t.vertex[0].z = t.vertex[1].z = t.vertex[2].z = float(random.integer(1, 3)) / 4;  // many equal ones
                 VisibilityTile alone = empty_tile(samples);
                 rasterize(t, {0, 0}, samples, alone);
                 rasterize(t, {0, 0}, samples, together);

@@ -14,7 +14,8 @@ using Catch::Matchers::Contains;
 namespace {
 
 const Manifest& manifest() {
-    static const Manifest loaded = load_manifest(SHADELAB_ROOT "/solution/phong", SHADELAB_ROOT "/framework/interface.toml");
+    static const Manifest loaded =
+        load_manifest(SHADELAB_ROOT "/solution/phong", SHADELAB_ROOT "/framework/interface.toml");
     return loaded;
 }
 
@@ -123,14 +124,16 @@ TEST_CASE("a scene file becomes radians, unit directions and numbers in the mani
     const Scene scene = load(good);
     CHECK((scene.film.width == 64 && scene.film.height == 48 && scene.film.samples == 4));
     CHECK(scene.film.background == glm::dvec3(0.1, 0.2, 0.3));
-    CHECK((scene.camera.eye == glm::dvec3(0, 1, 5) && scene.camera.target == glm::dvec3(0) && scene.camera.up == glm::dvec3(0, 2, 0)));
+    CHECK((scene.camera.eye == glm::dvec3(0, 1, 5) && scene.camera.target == glm::dvec3(0) &&
+           scene.camera.up == glm::dvec3(0, 2, 0)));
     CHECK(scene.camera.fov_y == Approx(1.0471975511965976).epsilon(1e-15));
     CHECK((scene.camera.near == 0.1 && scene.camera.far == 50));
 
     REQUIRE(scene.lights.size() == 3);
     const Light &point = scene.lights[0], &sun = scene.lights[1], &spot = scene.lights[2];
     CHECK((point.kind == LightKind::point && sun.kind == LightKind::directional && spot.kind == LightKind::spot));
-    CHECK((point.position == glm::dvec3(2, 3, 2) && point.intensity == glm::dvec3(12, 11, 10) && point.attenuation == glm::dvec3(1, 0.5, 0.25)));
+    CHECK((point.position == glm::dvec3(2, 3, 2) && point.intensity == glm::dvec3(12, 11, 10) &&
+           point.attenuation == glm::dvec3(1, 0.5, 0.25)));
     CHECK(glm::length(sun.direction - glm::dvec3(0, -0.6, -0.8)) < 1e-15);
     CHECK(sun.attenuation == glm::dvec3(1, 0, 0));
     CHECK((spot.direction == glm::dvec3(0, -1, 0) && spot.attenuation == glm::dvec3(1, 0, 0)));
@@ -143,7 +146,8 @@ TEST_CASE("a scene file becomes radians, unit directions and numbers in the mani
     REQUIRE(scene.materials.size() == 2);
     const int clay = scene.materials[0].name == "clay" ? 0 : 1;
     CHECK((scene.materials[size_t(clay)].name == "clay" && scene.materials[size_t(clay)].model == "phong"));
-    CHECK(scene.materials[size_t(clay)].parameters == std::vector<double>{0.02, 0.02, 0.02, 0.6, 0.3, 0.2, 0.4, 0.4, 0.4, 32});
+    CHECK(scene.materials[size_t(clay)].parameters ==
+          std::vector<double>{0.02, 0.02, 0.02, 0.6, 0.3, 0.2, 0.4, 0.4, 0.4, 32});
     CHECK(scene.materials[size_t(1 - clay)].model == "blinn_phong");
 
     REQUIRE(scene.objects.size() == 2);
@@ -154,20 +158,25 @@ TEST_CASE("a scene file becomes radians, unit directions and numbers in the mani
     CHECK((a.mesh.is_absolute() && a.mesh.filename() == "a.obj" && a.mesh.parent_path().filename() == "meshes"));
     CHECK(a.mesh.string().find("..") == std::string::npos);
     CHECK(b.mesh.parent_path() == scene.file.parent_path());
-    CHECK_THAT(a.mesh_where, Catch::Matchers::EndsWith("scene.toml:" + std::to_string(line_of(good, "mesh = \"../meshes")) + ": object[0].mesh"));
+    CHECK_THAT(a.mesh_where,
+               Catch::Matchers::EndsWith("scene.toml:" + std::to_string(line_of(good, "mesh = \"../meshes")) +
+                                         ": object[0].mesh"));
     // Scaled first, then turned, then moved: (1, 1, 1) -> (1, 2, 4) -> (-2, 1, 4) -> (-1, 3, 7). The turn's axis was made unit.
     CHECK(glm::length(glm::dvec3(a.to_world * glm::dvec4(1, 1, 1, 1)) - glm::dvec3(-1, 3, 7)) < 1e-14);
-    CHECK(b.to_world == glm::dmat4(glm::dvec4(2, 0, 0, 0), glm::dvec4(0, 2, 0, 0), glm::dvec4(0, 0, 2, 0), glm::dvec4(0, 0, 0, 1)));
+    CHECK(b.to_world ==
+          glm::dmat4(glm::dvec4(2, 0, 0, 0), glm::dvec4(0, 2, 0, 0), glm::dvec4(0, 0, 2, 0), glm::dvec4(0, 0, 0, 1)));
 }
 
 TEST_CASE("what a scene file does not say has a default") {
     const Scene scene = load("[camera]\neye = [0, 0, 5]\ntarget = [0, 0, 0]\nnear = 1\nfar = 10\n");
-    CHECK((scene.film.width == 512 && scene.film.height == 512 && scene.film.samples == 1 && scene.film.background == glm::dvec3(0)));
+    CHECK((scene.film.width == 512 && scene.film.height == 512 && scene.film.samples == 1 &&
+           scene.film.background == glm::dvec3(0)));
     CHECK(scene.camera.up == glm::dvec3(0, 1, 0));
     CHECK(scene.camera.fov_y == Approx(glm::radians(40.0)).epsilon(1e-15));
     CHECK((scene.lights.empty() && scene.materials.empty() && scene.objects.empty()));
     CHECK(load(changed("samples = 4", "samples = 64")).film.samples == 64);
-    CHECK(load(changed("hotspot = 15", "hotspot = 30")).lights[2].hotspot == load(good).lights[2].falloff);  // equal is allowed
+    CHECK(load(changed("hotspot = 15", "hotspot = 30")).lights[2].hotspot ==
+          load(good).lights[2].falloff);  // equal is allowed
     CHECK(load(changed("eye = [0, 1, 5]", "eye = [0, 1, -5.5e3]")).camera.eye.z == -5500);
     CHECK(load(good + "\n# the end").objects.size() == 2);
     std::string windows = good;
@@ -183,7 +192,8 @@ TEST_CASE("the camera sees the target in the middle and the field of view from e
         return glm::dvec3(q) / q.w;
     };
     CHECK(glm::length(glm::dvec2(ndc(camera.target))) < 1e-14);
-    const glm::dvec3 forward = glm::normalize(camera.target - camera.eye), right(1, 0, 0), up = glm::cross(right, forward);
+    const glm::dvec3 forward = glm::normalize(camera.target - camera.eye), right(1, 0, 0),
+                     up = glm::cross(right, forward);
     CHECK(ndc(camera.eye + forward * camera.near).z == Approx(-1).epsilon(1e-12));
     CHECK(ndc(camera.eye + forward * camera.far).z == Approx(1).epsilon(1e-12));
     CHECK(ndc(camera.eye + forward + up * std::tan(glm::radians(30.0))).y == Approx(1).epsilon(1e-12));
@@ -192,9 +202,9 @@ TEST_CASE("the camera sees the target in the middle and the field of view from e
 
 TEST_CASE("every mistake in a scene file is one line with file, line and key") {
     const struct {
-        const char *from, *to;   // the change to the good file
-        const char* key;         // how the message names the key
-        const char* says;        // part of what it says
+        const char *from, *to;  // the change to the good file
+        const char* key;        // how the message names the key
+        const char* says;       // part of what it says
     } examples[] = {
         // unknown keys, with the nearest known one
         {"width = 64", "widht = 64", "film.widht", "unknown key; did you mean \"width\"?"},
@@ -206,7 +216,8 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         {"scale = 2", "scale = 2\ntransalte = [0, 0, 0]", "object[1].transalte", "did you mean \"translate\"?"},
         {"[film]", "[flim]", "flim", "did you mean \"film\"?"},
         {"[camera]", "hidden = 1\n[camera]", "film.hidden", "unknown key; known here: "},
-        {"direction = [0, -3, -4]", "direction = [0, -3, -4]\nposition = [0, 0, 0]", "light[1].position", "unknown key"},
+        {"direction = [0, -3, -4]", "direction = [0, -3, -4]\nposition = [0, 0, 0]", "light[1].position",
+         "unknown key"},
         // types
         {"width = 64", "width = \"64\"", "film.width", "must be a whole number, not a string"},
         {"width = 64", "width = 64.5", "film.width", "must be a whole number"},
@@ -221,11 +232,13 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         {"kind = \"point\"", "kind = 0", "light[0].kind", "must be a string, not a number"},
         {"[camera]\neye", "[[camera]]\neye", "camera", "must be a table, not an array"},
         {"material = \"clay\"", "material = 1", "object[0].material", "must be a string, not a number"},
-        {"[object.rotate]\naxis = [0, 0, 5]", "rotate = 90\n[other]\naxis = [0, 0, 5]", "object[0].rotate", "must be a table, not a number"},
+        {"[object.rotate]\naxis = [0, 0, 5]", "rotate = 90\n[other]\naxis = [0, 0, 5]", "object[0].rotate",
+         "must be a table, not a number"},
         {"scale = [1, 2, 4]", "scale = \"big\"", "object[0].scale", "must be a number, not a string"},
         // array lengths
         {"eye = [0, 1, 5]", "eye = [0, 1]", "camera.eye", "must hold 3 numbers, not 2"},
-        {"background = [0.1, 0.2, 0.3]", "background = [0.1, 0.2, 0.3, 1]", "film.background", "must hold 3 numbers, not 4"},
+        {"background = [0.1, 0.2, 0.3]", "background = [0.1, 0.2, 0.3, 1]", "film.background",
+         "must hold 3 numbers, not 4"},
         {"kd = [0.6, 0.3, 0.2]", "kd = []", "material.clay.kd", "must hold 3 numbers, not 0"},
         {"scale = [1, 2, 4]", "scale = [1, 2]", "object[0].scale", "must hold 3 numbers, not 2"},
         // ranges
@@ -235,7 +248,8 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         {"samples = 4", "samples = 3", "film.samples", "must be 1, 2, 4, 8, 16 or 64"},
         {"samples = 4", "samples = 32", "film.samples", "must be 1, 2, 4, 8, 16 or 64"},
         {"samples = 4", "samples = 128", "film.samples", "at most 64"},
-        {"background = [0.1, 0.2, 0.3]", "background = [0.1, -0.2, 0.3]", "film.background", "each number must be at least 0"},
+        {"background = [0.1, 0.2, 0.3]", "background = [0.1, -0.2, 0.3]", "film.background",
+         "each number must be at least 0"},
         {"fov_y = 60", "fov_y = 0", "camera.fov_y", "must be at least 0.001 and at most 179, not 0"},
         {"fov_y = 60", "fov_y = 180", "camera.fov_y", "at most 179, not 180"},
         {"near = 0.1", "near = 0", "camera.near", "must be above 0"},
@@ -258,12 +272,16 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         {"scale = [1, 2, 4]", "scale = [1, 0, 4]", "object[0].scale", "must not be zero"},
         // names
         {"kind = \"point\"", "kind = \"area\"", "light[0].kind", "must be point, directional or spot, not \"area\""},
-        {"model = \"phong\"", "model = \"cook_torrance\"", "material.clay.model", "must be phong or blinn_phong, not \"cook_torrance\""},
-        {"material = \"clay\"", "material = \"gold\"", "object[0].material", "no [material.gold] in this file; there is brass or clay"},
+        {"model = \"phong\"", "model = \"cook_torrance\"", "material.clay.model",
+         "must be phong or blinn_phong, not \"cook_torrance\""},
+        {"material = \"clay\"", "material = \"gold\"", "object[0].material",
+         "no [material.gold] in this file; there is brass or clay"},
         {"normals = \"flat\"", "normals = \"hard\"", "object[0].normals", "must be smooth, flat or file, not \"hard\""},
-        {"interpolation = \"gouraud\"", "interpolation = \"gourad\"", "object[0].interpolation", "must be phong or gouraud"},
+        {"interpolation = \"gouraud\"", "interpolation = \"gourad\"", "object[0].interpolation",
+         "must be phong or gouraud"},
         // textures belong to a later assignment
-        {"kd = [0.6, 0.3, 0.2]", "kd = { texture = \"wood.png\" }", "material.clay.kd", "is a constant in this assignment, it takes no texture"},
+        {"kd = [0.6, 0.3, 0.2]", "kd = { texture = \"wood.png\" }", "material.clay.kd",
+         "is a constant in this assignment, it takes no texture"},
         {"q = 32", "q = { texture = \"wood.png\" }", "material.clay.q", "it takes no texture"},
         // syntax
         {"fov_y = 60", "fov_y = ", nullptr, "not valid TOML"},
@@ -303,34 +321,46 @@ TEST_CASE("what is missing from a scene file is named, with the line of the tabl
     const struct {
         const char *part, *key, *table;
     } examples[] = {
-        {"eye = [0, 1, 5]\n", "camera.eye", "[camera]"},         {"target = [0, 0, 0]\n", "camera.target", "[camera]"},
-        {"near = 0.1\n", "camera.near", "[camera]"},             {"far = 50\n", "camera.far", "[camera]"},
-        {"kind = \"point\"\n", "light[0].kind", "[[light]]"},    {"position = [2, 3, 2]\n", "light[0].position", "[[light]]"},
-        {"intensity = [12, 11, 10]\n", "light[0].intensity", "[[light]]"}, {"model = \"phong\"\n", "material.clay.model", "[material.clay]"},
-        {"kd = [0.6, 0.3, 0.2]\n", "material.clay.kd", "[material.clay]"}, {"q = 32\n", "material.clay.q", "[material.clay]"},
-        {"mesh = \"../meshes/a.obj\"\n", "object[0].mesh", "[[object]]"},  {"material = \"clay\"\n", "object[0].material", "[[object]]"},
-        {"axis = [0, 0, 5]\n", "object[0].rotate.axis", "[object.rotate]"}, {"degrees = 90\n", "object[0].rotate.degrees", "[object.rotate]"},
+        {"eye = [0, 1, 5]\n", "camera.eye", "[camera]"},
+        {"target = [0, 0, 0]\n", "camera.target", "[camera]"},
+        {"near = 0.1\n", "camera.near", "[camera]"},
+        {"far = 50\n", "camera.far", "[camera]"},
+        {"kind = \"point\"\n", "light[0].kind", "[[light]]"},
+        {"position = [2, 3, 2]\n", "light[0].position", "[[light]]"},
+        {"intensity = [12, 11, 10]\n", "light[0].intensity", "[[light]]"},
+        {"model = \"phong\"\n", "material.clay.model", "[material.clay]"},
+        {"kd = [0.6, 0.3, 0.2]\n", "material.clay.kd", "[material.clay]"},
+        {"q = 32\n", "material.clay.q", "[material.clay]"},
+        {"mesh = \"../meshes/a.obj\"\n", "object[0].mesh", "[[object]]"},
+        {"material = \"clay\"\n", "object[0].material", "[[object]]"},
+        {"axis = [0, 0, 5]\n", "object[0].rotate.axis", "[object.rotate]"},
+        {"degrees = 90\n", "object[0].rotate.degrees", "[object.rotate]"},
     };
     for (const auto& example : examples) {
         const std::string text = changed(example.part, ""), message = error_of(text);
         CAPTURE(example.part);
-        CHECK_THAT(message, Catch::Matchers::StartsWith("scene.toml:" + std::to_string(line_of(text, example.table)) + ": " + example.key + ": is missing"));
+        CHECK_THAT(message, Catch::Matchers::StartsWith("scene.toml:" + std::to_string(line_of(text, example.table)) +
+                                                        ": " + example.key + ": is missing"));
     }
     CHECK_THAT(error_of(changed("falloff = 30\n", "")), Contains("light[2].falloff: is missing"));
 
     const size_t camera = good.find("[camera]"), light = good.find("[[light]]");
     const std::string without = good.substr(0, camera) + good.substr(light);
-    CHECK_THAT(error_of(without), Catch::Matchers::StartsWith("scene.toml") && Contains(": camera: is missing; add a [camera] table"));
+    CHECK_THAT(error_of(without),
+               Catch::Matchers::StartsWith("scene.toml") && Contains(": camera: is missing; add a [camera] table"));
     CHECK_THAT(error_of(""), Contains("camera: is missing"));
     const std::string camera_alone = good.substr(0, light);
     CHECK(error_of(camera_alone + "[light]\nkind = \"point\"\n") ==
-          "scene.toml:" + std::to_string(line_of(good, "[[light]]")) + ": light: must be an array of tables: write [[light]]");
-    CHECK_THAT(error_of(camera_alone + "[material]\nclay = 3\n"), Contains(": material.clay: must be a table, not a number"));
+          "scene.toml:" + std::to_string(line_of(good, "[[light]]")) +
+              ": light: must be an array of tables: write [[light]]");
+    CHECK_THAT(error_of(camera_alone + "[material]\nclay = 3\n"),
+               Contains(": material.clay: must be a table, not a number"));
 }
 
 TEST_CASE("a scene file or an assignment that is not there is an error that names it") {
     const TemporaryFolder folder;
-    CHECK_THROWS_WITH(load_scene(folder / "absent.toml", manifest()), (folder / "absent.toml").string() + ": cannot be read; does the file exist?");
+    CHECK_THROWS_WITH(load_scene(folder / "absent.toml", manifest()),
+                      (folder / "absent.toml").string() + ": cannot be read; does the file exist?");
     CHECK_THROWS_AS(load_scene(folder / ".", manifest()), InputError);
     CHECK_THROWS_AS(load_manifest(folder / "absent", SHADELAB_ROOT "/framework/interface.toml"), InputError);
 }

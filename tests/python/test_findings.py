@@ -119,7 +119,7 @@ def test_function_messages():
     check, _, _ = judged(lobe, "cpp", lambda t, rows: 2 * t)
     assert "always 2 times what is expected" in check.message
     check, _, _ = judged(lobe, "cpp", lambda t, rows: 0 * t)
-    assert "always 0" in check.message
+    assert "yours is always 0" in check.message
 
     def wrong_below(t, rows):
         below = np.sum(rows[:, 0:3] * rows[:, 3:6], axis=1) <= 0

@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from shadelab.report import html, terminal
 from shadelab.report.html import Pictures, write_html
-from shadelab.report.terminal import print_result
+from shadelab.report.terminal import plain, print_result
 from shadelab.result import Check, Error, Mistake, Result, Worst
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=y> {{ 7 * 7 }} [red]no[/red] \x1b[2J\x1b]0;title\x07 \x00 \x9b31m \u202egnp.exe"
@@ -284,10 +284,14 @@ def test_failed_checks_are_told_and_skipped_ones_are_not(result: Result) -> None
     text = printed(result)
     told = text.partition("Score:")[2]
     flat = " ".join(told.replace(" \\\n", " ").split())
+    kinds = set()
     for one in result.checks:
-        assert (one.id in told) == (one.status in ("failed", "error"))
-        if one.worst:
-            assert one.worst.replay in flat
+        name = re.escape(plain(one.id.split("/", 2)[-1]) if one.kind != "build" else "build")
+        heading = rf"[✗!] (?:{one.kind} )?{name} \([^)]*{re.escape({'cpp': 'C++', 'glsl': 'GLSL'}[one.backend])}"
+        assert bool(re.search(heading, flat)) == (one.status in ("failed", "error")), one.id
+        if one.worst:  # one replay line of each kind: the others read alike
+            kinds.add(one.kind)
+    assert sum(flat.count(one.worst.replay) for one in result.checks if one.worst) == len(kinds)
     assert "expected (0.1, 0.2, 0.3), yours (not finite, 0.2, 0.3)" in flat
     assert "result[8]: expected 0.8, yours 8" in flat and "result[7]" not in flat
     assert "The grader's fault, not yours." in flat

@@ -182,10 +182,15 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
     say(first_step(result)[0])
     width = console.width - 2
-    for check in in_order(result, "failed", "error"):
+    replayed: set[str] = set()  # kinds whose replay line was shown once: the others read alike, and the HTML report has them
+    for group in _alike(in_order(result, "failed", "error")):
+        check, backends = group[0], " and ".join(BACKENDS[c.backend] for c in group)
+        possible = sum(c.max_score for c in group)
+        cost = f"  {points(sum(c.score for c in group))} of {points(possible)} points" if possible else ""
         say("")
-        cost = f"  {points(check.score)} of {points(check.max_score)} points" if check.max_score else ""
-        say(f"{symbols[check.status]} {plain(check.id)}{cost}", _STYLES[check.status])
+        kind = "" if check.kind == "function" else f"{check.kind} "
+        name = check.kind if check.kind == "build" else kind + label(check)
+        say(f"{symbols[check.status]} {name} ({backends}){cost}", _STYLES[check.status])
         if check.status == "error":
             say(OUR_FAULT, indent=2)
         lines = plain(check.message).strip("\n").splitlines()
@@ -198,12 +203,25 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         if check.worst:
             for line in _worst_lines(check):
                 say(_shortened(" ".join(line.split()), width), indent=2)
-            if check.worst.replay:
+            if check.worst.replay and check.kind not in replayed:
+                replayed.add(check.kind)
                 for line in _command_lines(plain(check.worst.replay), width):
                     say(line, "bold", indent=2)
     if html:
         say("")
         say(f"Details and pictures: {plain(shown(html))}")
+
+
+def _alike(checks: list[Check]) -> list[list[Check]]:
+    """Neighbours that say the same of both languages, together."""
+    groups: list[list[Check]] = []
+    for check in checks:
+        last = groups[-1][0] if groups else None
+        if last and (last.kind, label(last), last.status, last.message) == (check.kind, label(check), check.status, check.message):
+            groups[-1].append(check)
+        else:
+            groups.append([check])
+    return groups
 
 
 def _ascii(text: str) -> str:
