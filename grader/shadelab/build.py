@@ -71,13 +71,17 @@ def glue_folder(directory: Path) -> Path:
     return folder
 
 
+def plugin_flags(double: bool, layers: bool) -> list[str]:
+    return [*_common, f"-DSHADELAB_LAYERS={int(layers)}", *(_double if double else [*_float, *_architecture()])]
+
+
 def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, layers: bool = True) -> Plugin:
     """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once.
 
     layers: whether the plugin's loops give the terms beside the total, which costs time and is left out where nobody asks.
     """
     glue = glue_folder(assignment.directory)
-    flags = [*_common, f"-DSHADELAB_LAYERS={int(layers)}", *(_double if double else [*_float, *_architecture()])]
+    flags = plugin_flags(double, layers)
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached = STATE / "plugins" / f"{digest}.so"
     if cached.exists():
@@ -155,22 +159,23 @@ def readable_errors(stderr: str) -> str:
 
 # ------------------------------------------------------------------------------------------------ GLSL messages
 
-_glsl = re.compile(r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?P<kind>error|warning): (?P<text>.*)$")
+_glsl = re.compile(r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?:preprocessor )?(?P<kind>error|warning): (?P<text>.*)$")
 
 
 def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
     """The driver's messages with the student's file and line; of lines outside it, what they mean for the student."""
-    out = []
+    own: dict[int, str] = {}  # the first message of each line: what follows on it is a consequence
+    others = []
     for line in message.splitlines():
         found = _glsl.match(line)
         if found and found["kind"] == "error":
-            if int(found["line"]) < prelude_line:
-                out.append(f"shading.glsl:{found['line']}:{found['column']}: {found['text']}")
+            number, text = int(found["line"]), found["text"].removesuffix("; candidates are:").replace("`", "'")
+            if number < prelude_line:
+                own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {text}")
             else:
-                out.append(f"shading.glsl: {found['text']} (noticed outside of the file: is a brace, a comment or an #if left open, or a function missing?)")
+                others.append(f"shading.glsl: {text} (noticed behind the file's end: is a brace, a comment or an #if left open?)")
         elif "unresolved reference to function" in line:
             name = line.split("`")[-1].rstrip("'")
-            out.append(f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones")
-    own = [line for line in out if not line.startswith("shading.glsl: ")]
-    words = [line for line in message.splitlines() if line.strip(" =\n")]
-    return "\n".join(dict.fromkeys((own or out)[:3])) or "\n".join(words[:MAX_LINES])
+            others.append(f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones")
+    words = [line for line in message.splitlines() if line.strip(" =")]
+    return "\n".join([*own.values()][:3] or others[:1] or words[:MAX_LINES])

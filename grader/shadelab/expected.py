@@ -9,6 +9,8 @@ Below .shadelab/expected/NAME/DIGEST/ stand, named by a digest of everything tha
 
 import hashlib
 import shutil
+import tempfile
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -132,9 +134,8 @@ def load(assignment: Assignment, progress: Callable[[str], None] = lambda _: Non
 
 def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) -> None:
     progress(f"reference {assignment.name}: building the solution in double")
-    scratch = folder.with_name(folder.name + ".part")
-    shutil.rmtree(scratch, ignore_errors=True)
-    scratch.mkdir(parents=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix="making-", dir=folder.parent))  # its own: two runs may make the same data at once
     sandbox = Sandbox(scratch / "work")
     runner = CppRunner(assignment, sandbox, double=True)
     try:
@@ -171,10 +172,15 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
             raise InfrastructureError(f"{shown(scene.file)}: {outcome.stderr.strip()}")
     shutil.rmtree(scratch / "work")
     (scratch / "done").touch()
-    if folder.exists():  # somebody else was faster, or a former one was cut off
-        shutil.rmtree(folder)
-    scratch.rename(folder)
-    # Older data of this assignment serves nobody: its digest will not come back.
+    try:
+        scratch.rename(folder)
+    except OSError:  # another run was faster, or one was cut off before it was done
+        if not (folder / "done").exists():
+            shutil.rmtree(folder)
+            scratch.rename(folder)
+        else:
+            shutil.rmtree(scratch)
+    # Older data of this assignment serves nobody for long: its digest will not come back. A run may still be reading it.
     for other in folder.parent.iterdir():
-        if other != folder and not other.name.endswith(".part"):
+        if other != folder and time.time() - other.stat().st_mtime > 3600:
             shutil.rmtree(other, ignore_errors=True)

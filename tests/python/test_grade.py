@@ -1,6 +1,7 @@
 """Grading end to end: marks, messages, and what hostile or broken submissions cost."""
 
 import json
+import shutil
 import time
 
 import pytest
@@ -197,3 +198,26 @@ def test_bad_usage_is_one_line_and_exit_2(shadelab, arguments, words):
     assert done.code == 2
     assert words in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert "Traceback" not in done.stderr
+
+
+def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
+    """The scanned mesh is fetched at set-up and may be absent: the scene is skipped with a clear message."""
+    from shadelab.grade import grade
+    from shadelab.manifest import load_assignment
+
+    shutil.copytree(ROOT / "solution", tmp_path / "solution")
+    shutil.copytree(ROOT / "scenes" / "phong", tmp_path / "scenes" / "phong")
+    (tmp_path / "scenes" / "meshes").mkdir()
+    for mesh in (ROOT / "scenes" / "meshes").glob("*.obj"):
+        if mesh.name != "bunny.obj":
+            (tmp_path / "scenes" / "meshes" / mesh.name).symlink_to(mesh)
+    manifest = tmp_path / "solution" / "phong" / "assignment.toml"
+    text = manifest.read_text()
+    keep = [part for part in text.split("[[scene]]") if not part.strip().startswith("file") or "sphere.toml" in part or "bunny.toml" in part]
+    manifest.write_text("[[scene]]".join(keep))
+    assignment = load_assignment(tmp_path / "solution" / "phong")
+    result = grade(assignment, assignment.directory, only="cpp/image/*").result
+    status = {check.id: check for check in result.checks}
+    assert status["cpp/image/bunny"].status == "skipped" and "bunny.obj is not on this machine" in status["cpp/image/bunny"].message
+    assert status["cpp/image/sphere"].status == "passed"
+    assert result.score == result.max_score == 2.0

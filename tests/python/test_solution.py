@@ -1,10 +1,15 @@
 """The solutions against arithmetic with 50 digits: right, and not just consistent."""
 
+import re
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 from conftest import ROOT
 from mpmath import mpf
 from shadelab import exact
+from shadelab.build import glue_folder, plugin_flags
 from shadelab.expected import load
 from shadelab.findings import scaled_error
 from shadelab.manifest import assignment_names, load_assignment
@@ -51,3 +56,25 @@ def test_double_build_agrees_with_50_digits(assignment, function):
     columns = assignment.output_columns(function)
     members = [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
     assert scaled_error(truth[chosen], wanted, members).max() <= 1e-12
+
+
+@pytest.mark.parametrize("assignment", {a.name: a for a, _ in cases}.values(), ids=lambda a: a.name)
+def test_every_batch_loop_of_the_solution_vectorises(assignment, tmp_path):
+    """Student-level code, inlined into the generated loops: one loop per model and light kind, each in 8 lanes of AVX2."""
+    glue = glue_folder(assignment.directory)
+    shutil.copy(assignment.directory / "shading.cpp", tmp_path / "shading.cpp")
+    shutil.copy(glue / "glue.cpp", tmp_path / "glue.cpp")
+    flags = [flag for flag in plugin_flags(double=False, layers=True) if not flag.startswith("-march")]
+    command = ["g++", *flags, "-march=x86-64-v3", "-fopt-info-vec-optimized", f"-I{ROOT / 'framework/include'}", f"-I{glue}", "glue.cpp", "-o", "p.so"]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
+    vectorised = {int(m[1]) for m in re.finditer(r"^glue\.cpp:(\d+):\d+: optimized: loop vectorized using 32 byte vectors", said, re.M)}
+    lines = (tmp_path / "glue.cpp").read_text().splitlines()
+    layers = False
+    wanted = []
+    for number, line in enumerate(lines, 1):
+        layers = line == "#else" or (layers and line != "#endif")
+        if layers and line.startswith("    for (int i = 0; i < count; ++i)"):
+            wanted.append(number)
+    models = [f for f in assignment.functions if f.is_model]
+    assert len(wanted) == 3 * len(models)
+    assert set(wanted) <= vectorised
