@@ -24,7 +24,7 @@ struct Options {
     std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, output, size, statistics, function, input;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
-    bool layers = false, full = false, explain = false;
+    bool layers = false, terms = false, full = false, explain = false;
 
     std::filesystem::path interface() const { return std::filesystem::path(framework) / "interface.toml"; }
     std::filesystem::path include_folder() const { return std::filesystem::path(framework) / "include"; }
@@ -51,7 +51,7 @@ LoadedScene load(const Options& options) {
     if (options.samples) film.samples = options.samples;
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
         throw InputError("--supersample: the enlarged image would be wider or higher than 16384 pixels");
-    loaded.features = Features::of(loaded.scene, options.layers, options.full);
+    loaded.features = Features::of(loaded.scene, options.layers || options.terms, options.layers, options.full);
     std::map<std::pair<std::filesystem::path, Normals>, Mesh> cache;
     for (const Object& object : loaded.scene.objects) {
         const auto key = std::pair(object.mesh, object.normals);
@@ -127,13 +127,13 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
         for (int k = 0; k < table.model_count; ++k) found |= material.model == table.models[k].name;
         if (!found) throw InfrastructureError(options.plugin + ": the plugin does not hold the model " + material.model + "; build it again");
     }
-    if (loaded.features.term_layers && !table.layers) throw InfrastructureError(options.plugin + ": the plugin was built without layers");
+    if (loaded.features.term_layers && !table.terms) throw InfrastructureError(options.plugin + ": the plugin was built without terms");
     const FilmSettings& film = loaded.scene.film;
     Film image(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
     const DrawStatistics statistics = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image);
     report(statistics);
     if (!options.statistics.empty()) write_statistics(statistics, loaded, options.statistics);
-    if (!options.layers) image.layers.resize(1);  // --full computes more than it is asked to write
+    if (!options.layers) image.layers.resize(options.terms ? 5 : 1);  // --full computes more than it is asked to write
     if (!options.output.empty())
         write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, options.output, options.exposure);
 }
@@ -151,7 +151,8 @@ Film read_npy(const std::string& file) {
         std::sscanf(header.c_str() + shape, "'shape': (%d, %d, %d)", &height, &width, &channels) != 3)
         throw InputError(file + ": is not an image as .npy (height x width x channels, float32)");
     Features features;
-    features.term_layers = features.geometry_layers = channels > 3;
+    features.term_layers = channels > 3;
+    features.geometry_layers = channels > 13;
     Film film(width, height, features, glm::dvec3(0));
     if (film.channel_count() != channels) throw InputError(file + ": has " + std::to_string(channels) + " channels, not 3 or all layers");
     for (size_t i = 0; i < size_t(width) * height; ++i)
@@ -197,6 +198,7 @@ int main(int argc, char** argv) {
         command->add_option("--samples", options.samples, "coverage samples per pixel instead of the film's")->check(CLI::IsMember({1, 2, 4, 8, 16, 64}));
         command->add_option("--supersample", options.supersample, "draw N times larger and average N x N pixels")->check(CLI::Range(1, 64));
         command->add_flag("--layers", options.layers, "all layers: terms and geometry beside the total");
+        command->add_flag("--terms", options.terms, "the layers of the terms only: ambient, diffuse, specular, coverage");
         command->add_flag("--full", options.full, "leave nothing out");
         command->add_flag("--explain", options.explain, "print what the scene needs and what is left out");
     };

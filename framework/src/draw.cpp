@@ -390,7 +390,7 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
                     Film& film) {
     DrawStatistics statistics;
     const double start = now_ms();
-    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.layers ? 12 : 3};
+    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.terms ? 12 : 3};
     for (int i : features.lights) {
         const std::vector<double> light = scene.lights[i].flatten();
         frame.lights.emplace_back(light.begin(), light.end());

@@ -4,9 +4,10 @@
 
 namespace shadelab {
 
-Features Features::of(const Scene& scene, bool layers, bool full) {
+Features Features::of(const Scene& scene, bool terms, bool geometry, bool full) {
     Features features;
-    features.term_layers = features.geometry_layers = layers || full;
+    features.term_layers = terms || full;
+    features.geometry_layers = geometry || full;
     const auto keep_if = [&](bool needed, const std::string& what, const std::string& why_needed, const std::string& why_not) {
         (needed || full ? features.needed : features.left_out)
             .push_back(what + ": " + (needed ? why_needed : full ? "kept by --full" : why_not));
@@ -36,8 +37,8 @@ Features Features::of(const Scene& scene, bool layers, bool full) {
         .push_back(std::string("shading at fragments: ") + (features.per_fragment ? "objects with interpolation = \"phong\"" : "no object asks for it"));
     (features.gouraud ? features.needed : features.left_out)
         .push_back(std::string("shading at vertices: ") + (features.gouraud ? "objects with interpolation = \"gouraud\"" : "no object asks for it"));
-    keep_if(layers, "layers ambient, diffuse, specular, coverage", "asked for", "nobody asked for them");
-    keep_if(layers, "layers id, depth, normal, position", "asked for", "nobody asked for them");
+    keep_if(terms, "layers ambient, diffuse, specular, coverage", "asked for", "nobody asked for them");
+    keep_if(geometry, "layers id, depth, normal, position", "asked for", "nobody asked for them");
     features.left_out.push_back("texture coordinates and tangents: no material of this scene reads them");
     (scene.film.samples > 1 ? features.needed : features.left_out)
         .push_back(scene.film.samples > 1 ? std::to_string(scene.film.samples) + " coverage samples per pixel: the film asks for them"

@@ -109,7 +109,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
     out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, so that the\n"
            "// compiler inlines the functions into the loops and vectorises them.\n"
            "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
-           "#ifndef SHADELAB_LAYERS\n#define SHADELAB_LAYERS 1\n#endif\n\n";
+           "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n\n";
     for (const Manifest& earlier : manifest.given)
         out << "namespace given {\n#include \"" << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
             << "\"\n}\n";
@@ -126,7 +126,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         const std::string material = model.arguments[0].type;
         for (const bool layers : {false, true}) {
             // Two loops are written and one is compiled: a plugin serves those who want the layers or those who do not.
-            out << (layers ? "#else\n" : "#if !SHADELAB_LAYERS\n");
+            out << (layers ? "#else\n" : "#if !SHADELAB_TERMS\n");
             for (int kind = 0; kind < 3; ++kind) {
                 out << "__attribute__((noinline, flatten)) static void shade_" << model.name << "_" << kind_names[kind]
                     << "(\n    int count, " << inputs
@@ -163,7 +163,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                 << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material")) << ";\n"
                 << "    const Light source = " << rebuild(manifest, "Light", l, true, column("light")) << ";\n"
                 << "    " << name << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8], out[0], out[1], out[2],\n"
-                << "#if SHADELAB_LAYERS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], out[11],\n#endif\n"
+                << "#if SHADELAB_TERMS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], out[11],\n#endif\n"
                 << "        m, source);\n}\n";
         }
     }
@@ -192,7 +192,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", " << manifest.columns(function.returns)
             << ", evaluate_" << function.name << "},\n";
     out << "};\nextern \"C\" __attribute__((visibility(\"default\"))) const shadelab::plugin::Table<Real> shadelab_plugin = {\n"
-        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_LAYERS, " << models.size() << ", " << manifest.functions.size()
+        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ", " << manifest.functions.size()
         << ", model_table, function_table};\n";
     return out.str();
 }

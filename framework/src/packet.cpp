@@ -87,8 +87,8 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
             }
         }
         const bool can_cancel = meshes[i].opposing_normals;
-        toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel))},
-                         {"geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel))}};
+        toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel))}};
+        if (features.geometry_layers) draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));
         draw.insert("positions", add_buffer(meshes[i].positions));
         draw.insert("normals", add_buffer(meshes[i].normals));
         draw.insert("indices", add_buffer(meshes[i].indices));
@@ -100,7 +100,8 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
                              {"supersample", supersample},
                              {"samples", scene.film.samples},
                              {"background", numbers(scene.film.background)},
-                             {"layers", features.term_layers},
+                             {"terms", features.term_layers},
+                             {"geometry", features.geometry_layers},
                              {"prelude", glsl_prelude(manifest, shading.str())},
                              {"programs", programs},
                              {"geometry_programs", geometry_programs},

@@ -71,17 +71,17 @@ def glue_folder(directory: Path) -> Path:
     return folder
 
 
-def plugin_flags(double: bool, layers: bool) -> list[str]:
-    return [*_common, f"-DSHADELAB_LAYERS={int(layers)}", *(_double if double else [*_float, *_architecture()])]
+def plugin_flags(double: bool, terms: bool) -> list[str]:
+    return [*_common, f"-DSHADELAB_TERMS={int(terms)}", *(_double if double else [*_float, *_architecture()])]
 
 
-def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, layers: bool = True) -> Plugin:
+def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, terms: bool = True) -> Plugin:
     """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once.
 
-    layers: whether the plugin's loops give the terms beside the total, which costs time and is left out where nobody asks.
+    terms: whether the plugin's loops give the single terms beside the total, which costs time and is left out where nobody asks.
     """
     glue = glue_folder(assignment.directory)
-    flags = plugin_flags(double, layers)
+    flags = plugin_flags(double, terms)
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached = STATE / "plugins" / f"{digest}.so"
     if cached.exists():

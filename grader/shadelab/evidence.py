@@ -37,6 +37,7 @@ class Draw:
 
     scene: Scene
     packet: Path | None = None
+    layers: str = "terms"  # total | terms | all: what the C++ image holds (a packet says it for the OpenGL client)
 
 
 Task = Evaluate | Draw
@@ -59,13 +60,13 @@ def _printed(raw: bytes) -> str:
 class CppRunner:
     backend = "cpp"
 
-    def __init__(self, assignment: Assignment, sandbox: Sandbox, double: bool = False, layers: bool = True) -> None:
-        self.assignment, self.sandbox, self.double, self.layers = assignment, sandbox, double, layers
+    def __init__(self, assignment: Assignment, sandbox: Sandbox, double: bool = False, terms: bool = True) -> None:
+        self.assignment, self.sandbox, self.double, self.terms = assignment, sandbox, double, terms
         self.plugin: Plugin | None = None
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.double, self.layers)
+        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.double, self.terms)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:
@@ -95,7 +96,7 @@ class CppRunner:
         command = [
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
-            *(["--layers"] if self.layers else []),
+            *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
         ]  # fmt: skip
         outcome = self.sandbox.run(command, DRAW_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)

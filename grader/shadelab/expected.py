@@ -34,6 +34,8 @@ CHANNELS = {
     "coverage": slice(12, 13), "id": slice(13, 14), "depth": slice(14, 15), "normal": slice(15, 18), "position": slice(18, 21),
 }  # fmt: skip
 
+TERM_CHANNELS = 13  # those up to coverage: what a submission's image holds
+
 # Values of a mask.
 BACKGROUND, INTERIOR, EDGE = 0, 1, 2
 
@@ -155,7 +157,7 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
         if missing_meshes(scene):
             continue
         progress(f"reference {assignment.name}: {scene.name}")
-        output = runner.draw(Draw(scene))
+        output = runner.draw(Draw(scene, layers="all"))
         if output.array is None:
             raise UserError(f"{shown(scene.file)}: {output.failure}")
         camera = read_toml(scene.file)["camera"]
@@ -164,7 +166,7 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
         mask = scene_mask(output.array, eye, pixel_angle)
         np.savez(scratch / f"{scene.name}.npz", layers=output.array, mask=mask, eye=eye)
         packet = [
-            str(RENDER), "packet", str(scene.file), "--assignment", str(assignment.directory), "--layers",
+            str(RENDER), "packet", str(scene.file), "--assignment", str(assignment.directory), "--terms",
             "-o", str(scratch / f"{scene.name}.packet"),
         ]  # fmt: skip
         outcome = sandbox.run(packet, Limits(seconds=60))

@@ -159,7 +159,7 @@ class ImageJudgement:
 
 
 def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray, needs: list[str]) -> ImageJudgement:
-    """layers: (H, W, 21) float32 as CHANNELS; the geometry layers are not looked at: edges come from our own."""
+    """layers: (H, W, 13) float32, the CHANNELS up to coverage; the edges come from our own geometry layers."""
     reference, actual = truth.layer("total").astype(np.float64), layers[..., :3].astype(np.float64)
     foreground = truth.layer("id")[..., 0] > 0
     scale = _scale(reference, foreground)

@@ -88,14 +88,16 @@ class Client:
     def draw(self, packet: "Packet") -> np.ndarray:
         """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them."""
         header = packet.header
-        names = ["total", "ambient", "diffuse", "specular"] if header["layers"] else ["total"]
+        names = ["total", "ambient", "diffuse", "specular"] if header["terms"] else ["total"]
         background = header["background"]
         clear = [(*background, 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (len(names) - 1)
         images = self.pass_over(packet, "program", "programs", clear, header["samples"])
-        if not header["layers"]:
+        if not header["terms"]:
             return box_filter(images[0][..., :3], header["supersample"])
         coverage = images[0][..., 3:]
         shaded = box_filter(np.concatenate([i[..., :3] for i in images] + [coverage], axis=2), header["supersample"])
+        if not header["geometry"]:
+            return shaded
         geometry = self.pass_over(
             packet, "geometry_program", "geometry_programs", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1
         )

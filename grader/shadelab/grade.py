@@ -16,7 +16,7 @@ from shadelab import expected as expected_data
 from shadelab.build import BuildError
 from shadelab.errors import InfrastructureError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
-from shadelab.expected import Expected, missing_meshes
+from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes
 from shadelab.findings import judge_function, judge_image
 from shadelab.manifest import Assignment, Function, Scene, named_arrays, read_toml
 from shadelab.paths import shown
@@ -178,16 +178,16 @@ def _grade_backend(
         if isinstance(output, InfrastructureError):
             record(_our_fault(plan, output))
             continue
-        if output.array is not None and output.array.shape == (shape := expected.scene(plan.item).layers.shape):
-            truth = expected.scene(plan.item)
+        truth = expected.scene(plan.item)
+        total = truth.layer("total")
+        if output.array is not None and output.array.shape == (*total.shape[:2], TERM_CHANNELS):
             judged = judge_image(plan.item, backend, plan.points, truth, output.array, plan.needs)
-            pictures = Pictures(output.array[..., :3], truth.layer("total"), truth.mask, judged.limit)
+            pictures = Pictures(output.array[..., :3], total, truth.mask, judged.limit)
             check = judged.check
         else:
-            failure = output.failure or f"gave an image of shape {output.array.shape}, not {shape}"
+            failure = output.failure or f"gave an image of another size: {output.array.shape}"
             check = _failed(plan, "image", f"{plan.item.name}: the render {failure}")
-            truth = expected.scene(plan.item)
-            pictures = Pictures(None, truth.layer("total"), truth.mask, np.ones_like(truth.layer("total")))
+            pictures = Pictures(None, total, truth.mask, np.ones_like(total))
         record(_finished(check, output), pictures)
 
 

@@ -34,7 +34,7 @@ void add_colour(const plugin::Batch<Real>& batch, const Real* material, const Re
     }
 }
 
-/// Layers: as a plugin compiled with SHADELAB_LAYERS=1.
+/// Layers: as a plugin compiled with SHADELAB_TERMS=1.
 template <class Real, bool Layers>
 struct TestPlugin {
     using vec3 = glm::vec<3, Real>;
@@ -135,7 +135,7 @@ struct Drawn {
 
 template <class Real>
 Drawn draw_scene(const Scene& scene, const std::vector<Mesh>& meshes, bool layers = true, bool full = false) {
-    const Features features = Features::of(scene, layers, full);
+    const Features features = Features::of(scene, layers, layers, full);
     Drawn out{Film(scene.film.width, scene.film.height, features, scene.film.background), {}};
     if (features.term_layers)
         out.statistics = draw<Real>(scene, features, meshes, TestPlugin<Real, true>().table(), out.film);
@@ -501,8 +501,8 @@ TEST_CASE("a light of intensity zero is left out, and the image stays the same t
     scene.materials.push_back({"unused", "constant", {1, 1, 1}});
     scene.film.samples = 4;
 
-    const Features lean = Features::of(scene, false, false), full = Features::of(scene, false, true),
-                   layers = Features::of(scene, true, false);
+    const Features lean = Features::of(scene, false, false, false), full = Features::of(scene, false, false, true),
+                   layers = Features::of(scene, true, true, false);
     CHECK(lean.lights == std::vector<int>{1});
     CHECK(full.lights == std::vector<int>{0, 1, 2});
     CHECK(lean.materials == std::vector<int>{0});

@@ -20,8 +20,8 @@ struct Features {
 
     std::vector<std::string> needed, left_out;  ///< one line each, for `render --explain`
 
-    /// `layers`: somebody asks for layers beside the total. `full`: leave nothing out.
-    static Features of(const Scene& scene, bool layers, bool full);
+    /// `terms` and `geometry`: which layers somebody asks for beside the total. `full`: leave nothing out.
+    static Features of(const Scene& scene, bool terms, bool geometry, bool full);
 };
 
 }  // namespace shadelab

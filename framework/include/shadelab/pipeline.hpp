@@ -101,7 +101,7 @@ struct DrawStatistics {
 };
 
 /// Draws the scene into the film, at the film's size. `meshes` holds one mesh per object. For term layers the plugin must have
-/// been compiled with layers; one with layers serves a film without.
+/// been compiled with terms; one with terms serves a film without.
 template <class Real>
 DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
                     const plugin::Table<Real>& plugin, Film& film);

@@ -12,7 +12,7 @@ inline constexpr int light_kinds = 3;
 inline constexpr const char* symbol = "shadelab_plugin";
 
 /// One batch of fragments, structure of arrays. `in`: n.xyz, x.xyz (world position), v.xyz. `out`: total.rgb and, in a plugin
-/// with layers, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
+/// with terms, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
 template <class Real>
 struct Batch {
     int count;
@@ -39,7 +39,7 @@ template <class Real>
 struct Table {
     int version;
     int real_size;  ///< sizeof(Real); checked before anything else is read
-    int layers;     ///< 1: compiled with -DSHADELAB_LAYERS=1, so that it gives the terms beside the total
+    int terms;      ///< 1: compiled with -DSHADELAB_TERMS=1, so that it gives the single terms beside the total
     int model_count, function_count;
     const Model<Real>* models;
     const Function<Real>* functions;
