@@ -4,11 +4,12 @@ Nothing here runs student code or loads a file that student code wrote; it only 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth
-from shadelab.manifest import Assignment, Function, Scene, named_arrays
+from shadelab.manifest import Assignment, Column, Function, Scene, named_arrays
 from shadelab.result import Check, Error, Worst
 
 # Function checks: the largest error that passes. Correct naive code strays to 1.6e-4 in C++ and 2.2e-3 in GLSL (the rest is the
@@ -76,8 +77,8 @@ def judge_function(
         inputs = named_arrays(assignment.input_columns(function), rows[worst_row : worst_row + 1])
         check.worst = Worst(
             inputs={name: _numbers(value[0]) for name, value in inputs.items()},
-            expected=_numbers(truth[worst_row]),
-            actual=_numbers(actual[worst_row]),
+            expected=_result(columns, truth[worst_row]),
+            actual=_result(columns, actual[worst_row]),
         )
     return check
 
@@ -137,6 +138,14 @@ def _relation(truth: np.ndarray, actual: np.ndarray, error: np.ndarray, limit: f
 def _numbers(values: np.ndarray) -> list[float | str]:
     """JSON has no NaN and no infinity: they travel as words."""
     return [float(v) if np.isfinite(v) else str(float(v)) for v in np.atleast_1d(values)]
+
+
+def _result(columns: list[Column], row: np.ndarray) -> list[Any]:
+    """The numbers of a result, or one dict of a struct's members."""
+    named = named_arrays(columns, row[None])
+    if list(named) == ["result"]:
+        return _numbers(named["result"][0])
+    return [{path.removeprefix("result."): _numbers(value[0]) for path, value in named.items()}]
 
 
 def _and(names: list[str]) -> str:

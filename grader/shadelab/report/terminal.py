@@ -202,7 +202,7 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
             say(f"Hint: {plain(check.mistake.hint)}", indent=2)
         if check.worst:
             for line in _worst_lines(check):
-                say(_shortened(" ".join(line.split()), width), indent=2)
+                say(_shortened(" ".join(line.split()), 3 * width), indent=2)
             if check.worst.replay and check.kind not in replayed:
                 replayed.add(check.kind)
                 for line in _command_lines(plain(check.worst.replay), width):
