@@ -158,7 +158,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
             const auto column = [&](const char* array) { return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; }; };
             int k = 0, l = 0;
             out << "static void batch_" << model.name << "_" << kind_names[kind]
-                << "(const shadelab::plugin::Batch<Real>& batch, const Real* material, const Real* light) {\n"
+                << "(const shadelab::plugin::Batch<Real>& batch, const Real* material, const Real* light) noexcept {\n"
                 << "    const Real* const* in = batch.in;\n    Real* const* out = batch.out;\n"
                 << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material")) << ";\n"
                 << "    const Light source = " << rebuild(manifest, "Light", l, true, column("light")) << ";\n"
@@ -168,11 +168,12 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         }
     }
 
+    // noexcept, as the batches: a student's exception ends the process instead of passing for an error of the renderer.
     for (const Function& function : manifest.functions) {
         const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
         std::vector<std::string> results;
         flatten(manifest, function.returns, "result", results);
-        out << "static void evaluate_" << function.name << "(std::int64_t count, const Real* in, Real* out) {\n"
+        out << "static void evaluate_" << function.name << "(std::int64_t count, const Real* in, Real* out) noexcept {\n"
             << "    for (std::int64_t i = 0; i < count; ++i, in += " << columns_in << ", out += " << columns_out << ") {\n"
             << "        const " << function.returns << " result = "
             << call_with_columns(manifest, function, true, [](int k) { return "in[" + std::to_string(k) + "]"; }) << ";\n       ";

@@ -3,6 +3,7 @@ a crash, a hang or a wrong output costs the one task that it happened in."""
 
 import json
 import os
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from shadelab.build import BuildError, Plugin, build_plugin, glue_folder, readab
 from shadelab.errors import InfrastructureError
 from shadelab.manifest import Assignment, Function, Scene
 from shadelab.paths import RENDER, ROOT
-from shadelab.sandbox import Limits, Sandbox
+from shadelab.sandbox import Limits, Outcome, Sandbox
 
 EVALUATE_LIMITS = Limits(seconds=5)
 DRAW_LIMITS = Limits(seconds=20)
@@ -72,13 +73,20 @@ class CppRunner:
         for task in tasks:
             yield task, self.evaluate(task) if isinstance(task, Evaluate) else self.draw(task)
 
+    def _run(self, command: list[str], limits: Limits) -> Outcome:
+        """An exit code says nothing about whose fault it is (the student's code may call exit), but a full disk is ours."""
+        outcome = self.sandbox.run(command, limits)
+        if not outcome.ok and shutil.disk_usage(self.sandbox.folder).free < limits.file_size:
+            raise InfrastructureError(f"the disk is nearly full: {self.sandbox.folder}")
+        return outcome
+
     def evaluate(self, task: Evaluate) -> Output:
         real = np.float64 if self.double else np.float32
         rows, results = self.sandbox.folder / "rows.bin", self.sandbox.folder / "results.bin"
         results.unlink(missing_ok=True)
         task.rows.astype(real).tofile(rows)
         command = [str(RENDER), "evaluate", str(self.plugin.file), task.function.name, str(rows), str(results)]
-        outcome = self.sandbox.run(command, EVALUATE_LIMITS)
+        outcome = self._run(command, EVALUATE_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)
         shape = (len(task.rows), len(self.assignment.output_columns(task.function)))
         if not outcome.ok:
@@ -98,10 +106,8 @@ class CppRunner:
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
             *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
         ]  # fmt: skip
-        outcome = self.sandbox.run(command, DRAW_LIMITS)
+        outcome = self._run(command, DRAW_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)
-        if outcome.returncode in (2, 3) and not outcome.timed_out and not image.exists():
-            raise InfrastructureError(outcome.stderr.strip().splitlines()[-1] if outcome.stderr.strip() else "render failed")
         if not outcome.ok:
             output.failure = outcome.explain(DRAW_LIMITS)
             return output

@@ -322,20 +322,23 @@ TEST_CASE("projected corners fit the fixed-point grid, however far the triangle 
 }
 
 TEST_CASE("a floor far larger than the near distance has no holes") {
-    // Corners 1e4 away and a near plane at 1e-3: were cut points computed in float32, their w would be off by 1e4 x 2^-23 = 1.2e-3
-    // and could turn out negative. (From some 3e4 on, the corners' own float32 depth does not tell the near plane from the eye.)
+    // Corners up to 3e4 away, a near plane at 1e-3. Below 32768 float32 holds z and w of a corner to 2^-10 each, together less
+    // than the 2e-3 by which z + w tells the near plane from the eye: the floor is there. But were cut points computed in
+    // float32 as well, their w would be off by 3e4 x 2^-24 = 1.8e-3 more and could turn out negative.
     Random random(16);
-    for (int round = 0; round < 400; ++round) {
-        const double heading = random.uniform(0, 6.28), pitch = random.uniform(0.2, 0.9), half = 1e4;
+    for (int round = 0; round < 1000; ++round) {
+        const double heading = random.uniform(0, 6.28), pitch = random.uniform(0.2, 0.9),
+                     turn = random.uniform(0, 6.28);
         const glm::dvec3 eye(0, 1, 0),
             forward(std::cos(heading) * std::cos(pitch), -std::sin(pitch), std::sin(heading) * std::cos(pitch));
         const glm::dmat4 to_clip =
             glm::perspective(0.3, 1.0, 1e-3, 1e3) * glm::lookAt(eye, eye + forward, glm::dvec3(0, 1, 0));
         // The view is 0.3 high and looks down by at least 0.2: every pixel sees the floor, at most 1 / tan(0.05) = 20 away.
         glm::vec4 points[4];
-        for (int k = 0; k < 4; ++k)
-            points[k] =
-                glm::vec4(to_clip * glm::dvec4(half * (k == 0 || k == 3 ? -1 : 1), 0, half * (k < 2 ? -1 : 1), 1));
+        for (int k = 0; k < 4; ++k) {
+            const double angle = turn + glm::radians(90.0 * k), reach = random.uniform(1.6e4, 3e4);
+            points[k] = glm::vec4(to_clip * glm::dvec4(reach * std::cos(angle), 0, reach * std::sin(angle), 1));
+        }
         Coverage coverage;
         for (const auto& t : {std::array{0, 1, 2}, std::array{0, 2, 3}}) {
             const glm::vec4 corners[3] = {points[t[0]], points[t[1]], points[t[2]]};

@@ -96,7 +96,7 @@ def test_missing_file_fails_that_language_only(grade, submission):
 
 def test_endless_loop_ends_in_time_and_costs_its_own_checks(grade, submission):
     start = time.monotonic()
-    change = {GATE: "    while (true) { if (q < -1.0) break; }\n" + GATE}
+    change = {GATE: "    while (true);\n" + GATE}
     result = grade(submission(cpp=change), only="cpp/*")
     assert time.monotonic() - start < 60
     lobe = result["by_id"]["cpp/function/phong_lobe"]
@@ -107,9 +107,10 @@ def test_endless_loop_ends_in_time_and_costs_its_own_checks(grade, submission):
 
 
 def test_endless_loop_in_glsl(grade, submission):
+    """llvmpipe leaves a loop after 65,535 turns, with a wrong value; one without any effect it drops, as a compiler may."""
     start = time.monotonic()
-    change = {GATE: "    float spin = 0.0;\n    while (spin < 1.0) { spin *= 0.5; }\n" + GATE}
-    result = grade(submission(glsl=change), only="glsl/function/*")
+    change = {GATE: "    while (q > 0.0) q += 1.0;\n" + GATE}
+    result = grade(submission(glsl=change), only="glsl/function/*_lobe")
     assert time.monotonic() - start < 60
     assert result["by_id"]["glsl/function/phong_lobe"]["status"] == "failed"
     assert result["by_id"]["glsl/function/blinn_lobe"]["status"] == "passed"
@@ -156,7 +157,7 @@ def test_result_is_written_after_every_check(shadelab, tmp_path, submission):
     import subprocess
     import sys
 
-    folder = submission(cpp={GATE: "    while (true) { if (q < -1.0) break; }\n" + GATE})
+    folder = submission(cpp={GATE: "    while (true);\n" + GATE})
     out = tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, "-I", "-m", "shadelab", "grade", folder, "--assignment", "phong", "--only", "cpp/*", "--out", out],

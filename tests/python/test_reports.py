@@ -244,6 +244,22 @@ def test_a_thumbnail_averages_light_and_keeps_what_is_not_finite() -> None:
     assert html.thumbnail(linear[:10, :20]).shape == (10, 20, 3)
 
 
+def test_the_ring_marks_the_pixel_that_the_check_names(result: Result, pictures: dict[str, Pictures]) -> None:
+    one = result.checks[3]
+    shown = pictures[one.id]
+    yours, expected, difference = html._figures(one, shown, "a")
+    assert yours.ring == expected.ring == difference.ring == (100 * 3.5 / SIDE, 100 * 4.5 / SIDE)
+    assert "x 3, y 4" in difference.caption
+    assert "2902 of 87000 strictly judged pixels (3 %), 100 of 3000 edge pixels (3 %)" in difference.caption
+    one.worst = None
+    assert html._figures(one, shown, "a")[2].ring == (
+        100 * 4.5 / SIDE,
+        100 * 3.5 / SIDE,
+    )  # the first that is not finite
+    one.worst = Worst(inputs={"pixel": [SIDE, "x"]}, expected=[], actual=[])
+    assert html._figures(one, shown, "a")[2].ring == (100 * 4.5 / SIDE, 100 * 3.5 / SIDE)
+
+
 # --- The terminal ---
 
 

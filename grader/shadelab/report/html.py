@@ -218,19 +218,16 @@ def _figures(check: Check, pictures: Pictures, anchor: str) -> list[Figure]:
     ratio = excess(pictures.student, pictures.expected, pictures.limit)
     bad = ~np.isfinite(pictures.student).all(axis=2)
     edge = np.zeros(bad.shape, bool) if pictures.mask is None else pictures.mask == EDGE
-    judged = np.where(edge, 0.0, ratio)
-    off, count = int((judged > 1).sum()), int((~edge).sum())
+    place = _worst_place(check, np.where(edge, 0.0, ratio))
+    parts = [(~edge, "strictly judged pixels"), (edge, "edge pixels")]
+    counts = [_count((ratio > 1) & where, where, name) for where, name in parts if where.any()]
+    worst = f"Beyond the tolerance: {', '.join(counts)}."
     ring = None
-    if off:
-        y, x = np.unravel_index(np.argmax(judged), judged.shape)
+    if place is not None:
+        x, y = place
+        far = f"{ratio[y, x]:.3g} times the tolerance" if np.isfinite(ratio[y, x]) else "not finite"
+        worst += f" The ringed one, x {x}, y {y}, is the worst: {far}."
         ring = (100 * (x + 0.5) / ratio.shape[1], 100 * (y + 0.5) / ratio.shape[0])
-        share = 100 * off / count
-        amount = f"{share:.0f} %" if share >= 1 else "under 1 %"
-        beyond = f"{off} of {count} judged pixels ({amount}) are beyond the tolerance"
-        far = f"by {judged[y, x]:.3g} times" if np.isfinite(judged[y, x]) else "it has no finite colour"
-        worst = f"{beyond}; the ringed one, x {x}, y {y}, is the farthest: {far}."
-    else:
-        worst = "No judged pixel is beyond the tolerance."
     magenta = f" {int(bad.sum())} pixels are not finite (magenta)." if bad.any() else ""
     return [
         _figure(
@@ -241,6 +238,24 @@ def _figures(check: Check, pictures: Pictures, anchor: str) -> list[Figure]:
             anchor, "difference", "Difference", difference(ratio, edge, bad), f"The difference: {worst}", worst, ring
         ),
     ]
+
+
+def _count(chosen: np.ndarray, among: np.ndarray, name: str) -> str:
+    few, total = int(chosen.sum()), int(among.sum())
+    share = 100 * few / total
+    return f"{few} of {total} {name}" + (f" ({share:.0f} %)" if share >= 1 else " (under 1 %)" if few else "")
+
+
+def _worst_place(check: Check, judged: np.ndarray) -> tuple[int, int] | None:
+    """(x, y): the pixel that the check names, or else the farthest that is judged strictly."""
+    named = check.worst.inputs.get("pixel") if check.worst else None
+    pixel = isinstance(named, list) and len(named) == 2 and all(isinstance(n, int) for n in named)
+    if pixel and 0 <= named[0] < judged.shape[1] and 0 <= named[1] < judged.shape[0]:
+        return named[0], named[1]
+    if not (judged > 1).any():
+        return None
+    y, x = np.unravel_index(np.argmax(judged), judged.shape)
+    return int(x), int(y)
 
 
 def _thumbnails(result: Result, pictures: dict[str, Pictures], ids: dict[str, str]) -> dict[str, list[Figure]]:

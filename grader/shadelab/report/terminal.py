@@ -100,7 +100,8 @@ def compared(check: Check) -> list[tuple[str, Any, Any, bool]]:
     names = [n for n, _ in max(expected, actual, key=len)]
     pad = [(None, "none")] * len(names)
     pairs = [(e, a) for _, (_, e), (_, a) in zip(names, expected + pad, actual + pad)]
-    limit = check.error.limit if check.error else 1e-3
+    # An image's limit is a share of pixels, not an error of one.
+    limit = 1e-2 if check.kind == "image" else check.error.limit if check.error else 1e-3
     scale = max((abs(e) for e, _ in pairs if isinstance(e, int | float)), default=0.0)
     errors = []
     for e, a in pairs:
@@ -173,10 +174,12 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         for line in Text(text.expandtabs(4), style).wrap(console, console.width - indent, overflow="fold") or [
             Text("")
         ]:
+            line.rstrip()
             console.print(Text(" " * indent) + line, no_wrap=True)
 
     if result.checks:
         console.print(_table(result, narrow))
+        say("")
     say(f"Score: {points(result.score)} of {points(result.max_score)} points", "bold")
     if not result.complete:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
