@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the pictures of the README and the handouts anew: run it after a change that alters what scenes look like.
 
-    .shadelab/venv/bin/python docs/make_pictures.py
+.shadelab/venv/bin/python docs/make_pictures.py
 """
 
 import subprocess

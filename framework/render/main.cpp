@@ -21,7 +21,8 @@ using namespace shadelab;
 namespace {
 
 struct Options {
-    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, output, size, statistics, function, input;
+    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, output, size, statistics, function,
+                input;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
     bool layers = false, terms = false, full = false, explain = false;
@@ -44,9 +45,10 @@ LoadedScene load(const Options& options) {
     FilmSettings& film = loaded.scene.film;
     if (!options.size.empty()) {
         char rest;
-        if (std::sscanf(options.size.c_str(), "%dx%d%c", &film.width, &film.height, &rest) != 2 || film.width < 1 || film.height < 1 ||
-            film.width > 16384 || film.height > 16384)
-            throw InputError("--size: give WIDTHxHEIGHT in pixels, for example 512x512 (at most 16384), not \"" + options.size + "\"");
+        if (std::sscanf(options.size.c_str(), "%dx%d%c", &film.width, &film.height, &rest) != 2 || film.width < 1 ||
+            film.height < 1 || film.width > 16384 || film.height > 16384)
+            throw InputError("--size: give WIDTHxHEIGHT in pixels, for example 512x512 (at most 16384), not \"" +
+                             options.size + "\"");
     }
     if (options.samples) film.samples = options.samples;
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
@@ -64,7 +66,8 @@ LoadedScene load(const Options& options) {
     bool can_cancel = false;
     for (const Mesh& mesh : loaded.meshes) can_cancel |= mesh.opposing_normals;
     (can_cancel ? loaded.features.needed : loaded.features.left_out)
-        .push_back(std::string("fallback for normals that cancel: ") + (can_cancel ? "some triangle's vertex normals oppose" : "no triangle's vertex normals oppose"));
+        .push_back(std::string("fallback for normals that cancel: ") +
+                   (can_cancel ? "some triangle's vertex normals oppose" : "no triangle's vertex normals oppose"));
     return loaded;
 }
 
@@ -83,7 +86,9 @@ std::string json_number(double value) {
     return text;
 }
 
-std::string json_vector(glm::dvec3 v) { return "[" + json_number(v.x) + ", " + json_number(v.y) + ", " + json_number(v.z) + "]"; }
+std::string json_vector(glm::dvec3 v) {
+    return "[" + json_number(v.x) + ", " + json_number(v.y) + ", " + json_number(v.z) + "]";
+}
 
 void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const std::string& file) {
     std::ofstream out(file);
@@ -92,15 +97,17 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
         dropped += mesh.dropped_triangles;
         cancelled += mesh.cancelled_normals;
     }
-    out << "{\"triangles\": " << s.triangles << ", \"clipped_triangles\": " << s.clipped_triangles << ", \"dropped_triangles\": " << dropped
-        << ", \"cancelled_vertex_normals\": " << cancelled << ", \"not_finite_vertices\": " << s.not_finite_vertices
-        << ", \"fragments\": " << s.fragments << ", \"fallback_normals\": " << s.fallback_normals
-        << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms << ", \"bins\": " << s.bin_ms << ", \"tiles\": " << s.tile_ms
+    out << "{\"triangles\": " << s.triangles << ", \"clipped_triangles\": " << s.clipped_triangles
+        << ", \"dropped_triangles\": " << dropped << ", \"cancelled_vertex_normals\": " << cancelled
+        << ", \"not_finite_vertices\": " << s.not_finite_vertices << ", \"fragments\": " << s.fragments
+        << ", \"fallback_normals\": " << s.fallback_normals << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms
+        << ", \"bins\": " << s.bin_ms << ", \"tiles\": " << s.tile_ms
         << "}, \"not_finite_pixels\": " << s.not_finite_pixels;
     if (s.first_not_finite) {
         const NotFinite& f = *s.first_not_finite;
-        out << ", \"first_not_finite\": {\"x\": " << f.x << ", \"y\": " << f.y << ", \"material\": \"" << f.material << "\", \"model\": \""
-            << f.model << "\", \"n\": " << json_vector(f.n) << ", \"position\": " << json_vector(f.position) << ", \"v\": " << json_vector(f.v)
+        out << ", \"first_not_finite\": {\"x\": " << f.x << ", \"y\": " << f.y << ", \"material\": \"" << f.material
+            << "\", \"model\": \"" << f.model << "\", \"n\": " << json_vector(f.n)
+            << ", \"position\": " << json_vector(f.position) << ", \"v\": " << json_vector(f.v)
             << ", \"value\": " << json_vector(f.value) << "}";
     }
     out << "}\n";
@@ -108,15 +115,20 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
 }
 
 void report(const DrawStatistics& s) {
-    if (s.not_finite_vertices) std::cerr << "warning: " << s.not_finite_vertices << " vertices are not finite; their triangles are not drawn\n";
-    if (s.fallback_normals) std::cerr << "note: at " << s.fallback_normals << " fragments the vertex normals cancel; the face normal is used\n";
+    if (s.not_finite_vertices)
+        std::cerr << "warning: " << s.not_finite_vertices
+                  << " vertices are not finite; their triangles are not drawn\n";
+    if (s.fallback_normals)
+        std::cerr << "note: at " << s.fallback_normals
+                  << " fragments the vertex normals cancel; the face normal is used\n";
     if (!s.first_not_finite) return;
     const NotFinite& f = *s.first_not_finite;
     std::fprintf(stderr,
                  "warning: %lld fragments are not finite. The first stands at pixel (%d, %d), material %s (%s):\n"
                  "  n = (%.9g, %.9g, %.9g), x = (%.9g, %.9g, %.9g), v = (%.9g, %.9g, %.9g) -> (%g, %g, %g)\n",
-                 static_cast<long long>(s.not_finite_pixels), f.x, f.y, f.material.c_str(), f.model.c_str(), f.n.x, f.n.y, f.n.z, f.position.x,
-                 f.position.y, f.position.z, f.v.x, f.v.y, f.v.z, f.value.x, f.value.y, f.value.z);
+                 static_cast<long long>(s.not_finite_pixels), f.x, f.y, f.material.c_str(), f.model.c_str(), f.n.x,
+                 f.n.y, f.n.z, f.position.x, f.position.y, f.position.z, f.v.x, f.v.y, f.v.z, f.value.x, f.value.y,
+                 f.value.z);
 }
 
 template <class Real>
@@ -125,9 +137,12 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
     for (const Material& material : loaded.scene.materials) {
         bool found = false;
         for (int k = 0; k < table.model_count; ++k) found |= material.model == table.models[k].name;
-        if (!found) throw InfrastructureError(options.plugin + ": the plugin does not hold the model " + material.model + "; build it again");
+        if (!found)
+            throw InfrastructureError(options.plugin + ": the plugin does not hold the model " + material.model +
+                                      "; build it again");
     }
-    if (loaded.features.term_layers && !table.terms) throw InfrastructureError(options.plugin + ": the plugin was built without terms");
+    if (loaded.features.term_layers && !table.terms)
+        throw InfrastructureError(options.plugin + ": the plugin was built without terms");
     const FilmSettings& film = loaded.scene.film;
     Film image(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
     const DrawStatistics statistics = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image);
@@ -135,7 +150,8 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
     if (!options.statistics.empty()) write_statistics(statistics, loaded, options.statistics);
     if (!options.layers) image.layers.resize(options.terms ? 5 : 1);  // --full computes more than it is asked to write
     if (!options.output.empty())
-        write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, options.output, options.exposure);
+        write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, options.output,
+                   options.exposure);
 }
 
 /// Reads what write_film wrote as .npy (height x width x channels, float32): the way back for images of an OpenGL client.
@@ -154,9 +170,11 @@ Film read_npy(const std::string& file) {
     features.term_layers = channels > 3;
     features.geometry_layers = channels > 13;
     Film film(width, height, features, glm::dvec3(0));
-    if (film.channel_count() != channels) throw InputError(file + ": has " + std::to_string(channels) + " channels, not 3 or all layers");
+    if (film.channel_count() != channels)
+        throw InputError(file + ": has " + std::to_string(channels) + " channels, not 3 or all layers");
     for (size_t i = 0; i < size_t(width) * height; ++i)
-        for (Layer& layer : film.layers) in.read(reinterpret_cast<char*>(layer.pixel(i)), std::streamsize(sizeof(float) * layer.channels));
+        for (Layer& layer : film.layers)
+            in.read(reinterpret_cast<char*>(layer.pixel(i)), std::streamsize(sizeof(float) * layer.channels));
     if (!in) throw InputError(file + ": ends before its last pixel");
     return film;
 }
@@ -171,9 +189,11 @@ void evaluate(const Options& options, const PluginLibrary& library) {
     std::ifstream in(options.input, std::ios::binary | std::ios::ate);
     if (!in) throw InputError(options.input + ": cannot be read");
     const size_t row_bytes = sizeof(Real) * size_t(function->columns_in), bytes = size_t(in.tellg());
-    if (bytes % row_bytes != 0) throw InputError(options.input + ": holds no whole number of rows of " + std::to_string(function->columns_in) + " columns");
+    if (bytes % row_bytes != 0)
+        throw InputError(options.input + ": holds no whole number of rows of " + std::to_string(function->columns_in) +
+                         " columns");
     const int64_t count = int64_t(bytes / row_bytes);
-    std::vector<Real> rows(size_t(count) * function->columns_in), results(size_t(count) * function->columns_out);
+    std::vector<Real> rows(size_t(count) * function->columns_in), results(size_t(count) * function -> columns_out);
     in.seekg(0);
     in.read(reinterpret_cast<char*>(rows.data()), std::streamsize(bytes));
     function->evaluate(count, rows.data(), results.data());
@@ -187,18 +207,25 @@ void evaluate(const Options& options, const PluginLibrary& library) {
 
 int main(int argc, char** argv) {
     Options options;
-    CLI::App app{"Draws scenes, writes frame packets and glue, and evaluates shading functions. ./shadelab is the comfortable way in."};
+    CLI::App app{
+        "Draws scenes, writes frame packets and glue, and evaluates shading functions. ./shadelab is the comfortable "
+        "way in."};
     app.require_subcommand(1);
     app.add_option("--framework", options.framework, "the framework's folder (interface.toml, include/)");
 
     const auto add_scene_options = [&](CLI::App* command) {
         command->add_option("scene", options.scene, "scene file (TOML)")->required();
-        command->add_option("--assignment", options.assignment, "folder of the assignment.toml that declares the models")->required();
+        command
+            ->add_option("--assignment", options.assignment, "folder of the assignment.toml that declares the models")
+            ->required();
         command->add_option("--size", options.size, "WIDTHxHEIGHT instead of the film's");
-        command->add_option("--samples", options.samples, "coverage samples per pixel instead of the film's")->check(CLI::IsMember({1, 2, 4, 8, 16, 64}));
-        command->add_option("--supersample", options.supersample, "draw N times larger and average N x N pixels")->check(CLI::Range(1, 64));
+        command->add_option("--samples", options.samples, "coverage samples per pixel instead of the film's")
+            ->check(CLI::IsMember({1, 2, 4, 8, 16, 64}));
+        command->add_option("--supersample", options.supersample, "draw N times larger and average N x N pixels")
+            ->check(CLI::Range(1, 64));
         command->add_flag("--layers", options.layers, "all layers: terms and geometry beside the total");
-        command->add_flag("--terms", options.terms, "the layers of the terms only: ambient, diffuse, specular, coverage");
+        command->add_flag("--terms", options.terms,
+                          "the layers of the terms only: ambient, diffuse, specular, coverage");
         command->add_flag("--full", options.full, "leave nothing out");
         command->add_flag("--explain", options.explain, "print what the scene needs and what is left out");
     };
@@ -207,7 +234,8 @@ int main(int argc, char** argv) {
     image->add_option("--plugin", options.plugin, "plugin built from a student's shading.cpp")->required();
     image->add_option("-o,--output", options.output, "FILE.png, .exr or .npy");
     image->add_option("--exposure", options.exposure, "PNG only: times 2^EXPOSURE");
-    image->add_option("--threads", options.threads, "number of threads (default: all cores)")->check(CLI::Range(1, 1024));
+    image->add_option("--threads", options.threads, "number of threads (default: all cores)")
+        ->check(CLI::Range(1, 1024));
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
     CLI::App* convert = app.add_subcommand("convert", "write an image that is an .npy file as .png or .exr");
     convert->add_option("input", options.input, "image (.npy)")->required();
@@ -222,14 +250,16 @@ int main(int argc, char** argv) {
     CLI::App* evaluation = app.add_subcommand("evaluate", "evaluate one function over rows of raw numbers");
     evaluation->add_option("plugin", options.plugin, "plugin")->required();
     evaluation->add_option("function", options.function, "function")->required();
-    evaluation->add_option("input", options.input, "rows: float32 (float64 for a double plugin), columns as declared")->required();
+    evaluation->add_option("input", options.input, "rows: float32 (float64 for a double plugin), columns as declared")
+        ->required();
     evaluation->add_option("output", options.output, "result rows, the same type")->required();
     CLI11_PARSE(app, argc, argv);
 
     if (options.threads) omp_set_num_threads(options.threads);
     try {
         if (*glue) {
-            write_glue(load_manifest(options.assignment, options.interface()), options.include_folder(), options.output);
+            write_glue(load_manifest(options.assignment, options.interface()), options.include_folder(),
+                       options.output);
         } else if (*convert) {
             write_film(read_npy(options.input), options.output, options.exposure);
         } else if (*evaluation) {
@@ -239,11 +269,12 @@ int main(int argc, char** argv) {
             LoadedScene loaded = load(options);
             if (options.explain) explain(loaded.features);
             if (*packet) {
-                write_packet(loaded.scene, loaded.manifest, loaded.features, loaded.meshes, options.supersample, options.include_folder(),
-                             options.output);
+                write_packet(loaded.scene, loaded.manifest, loaded.features, loaded.meshes, options.supersample,
+                             options.include_folder(), options.output);
             } else {
                 const PluginLibrary library(options.plugin);
-                library.is_double() ? draw_image<double>(options, loaded, library) : draw_image<float>(options, loaded, library);
+                library.is_double() ? draw_image<double>(options, loaded, library)
+                                    : draw_image<float>(options, loaded, library);
             }
         }
     } catch (const InputError& error) {

@@ -24,8 +24,8 @@ struct DrawnObject {
     const Object* object;
     const Mesh* mesh;
     VertexStream<Real> vertices;
-    uint32_t first_triangle;           ///< number of its triangle 0 in the scene
-    Real orientation;                  ///< -1 when to_world mirrors
+    uint32_t first_triangle;  ///< number of its triangle 0 in the scene
+    Real orientation;         ///< -1 when to_world mirrors
     bool normals_can_cancel;
     const plugin::Model<Real>* model;
     std::vector<Real> material;
@@ -40,11 +40,12 @@ struct Frame {
     std::vector<DrawnObject<Real>> objects;
     std::vector<std::vector<Real>> lights;  ///< flattened, in the order of features.lights
     glm::vec<3, Real> eye;
-    int layers_out;                         ///< 3 (total) or 12 (with the terms)
+    int layers_out;  ///< 3 (total) or 12 (with the terms)
 
     const DrawnObject<Real>& object_of(uint32_t triangle) const {
-        auto after = std::upper_bound(objects.begin(), objects.end(), triangle,
-                                      [](uint32_t t, const DrawnObject<Real>& object) { return t < object.first_triangle; });
+        auto after =
+            std::upper_bound(objects.begin(), objects.end(), triangle,
+                             [](uint32_t t, const DrawnObject<Real>& object) { return t < object.first_triangle; });
         return *(after - 1);
     }
 };
@@ -66,8 +67,8 @@ void shade(const Frame<Real>& frame, const DrawnObject<Real>& object, FragmentBa
 glm::vec4 transform(const glm::mat4& m, glm::vec3 p) { return ((m[0] * p.x + m[1] * p.y) + m[2] * p.z) + m[3]; }
 
 template <class Real>
-DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh, const glm::dmat4& world_to_clip,
-                                 uint32_t first_triangle) {
+DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh,
+                                 const glm::dmat4& world_to_clip, uint32_t first_triangle) {
     using vec3 = glm::vec<3, Real>;
     DrawnObject<Real> drawn{&object, &mesh, {}, first_triangle, Real(1), false, nullptr, {}};
     const glm::dmat4 object_to_clip = world_to_clip * object.to_world;
@@ -78,8 +79,8 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
     drawn.orientation = Real(glm::determinant(linear) < 0 ? -1 : 1);
     // A transform that changes angles can turn harmless normals into opposing ones; then the cheap test is not trusted.
     const glm::dmat3 gram = glm::transpose(linear) * linear;
-    const double off = std::abs(gram[0][1]) + std::abs(gram[0][2]) + std::abs(gram[1][2]) + std::abs(gram[0][0] - gram[1][1]) +
-                       std::abs(gram[0][0] - gram[2][2]);
+    const double off = std::abs(gram[0][1]) + std::abs(gram[0][2]) + std::abs(gram[1][2]) +
+                       std::abs(gram[0][0] - gram[1][1]) + std::abs(gram[0][0] - gram[2][2]);
     drawn.normals_can_cancel = mesh.opposing_normals || off > 1e-9 * gram[0][0];
 
     const int count = int(mesh.positions.size());
@@ -146,12 +147,16 @@ struct BinnedStretch {
 struct TileGrid {
     int width, height, across, down;
     TileGrid(int width, int height)
-        : width(width), height(height), across((width + tile_size - 1) / tile_size), down((height + tile_size - 1) / tile_size) {}
+        : width(width),
+          height(height),
+          across((width + tile_size - 1) / tile_size),
+          down((height + tile_size - 1) / tile_size) {}
 };
 
 void bin_triangle(const ScreenTriangle& t, const TileGrid& grid, int margin, BinnedStretch& stretch) {
     const ScreenVertex &a = t.vertex[0], &b = t.vertex[1], &c = t.vertex[2];
-    if (int64_t(b.x - a.x) * (c.y - a.y) == int64_t(c.x - a.x) * (b.y - a.y)) return;  // no area on the grid: covers no sample
+    if (int64_t(b.x - a.x) * (c.y - a.y) == int64_t(c.x - a.x) * (b.y - a.y))
+        return;  // no area on the grid: covers no sample
     // The pixels whose samples (at most `margin` sub-pixels off their centres) the bounding box can hold.
     const int x0 = std::max((std::min({a.x, b.x, c.x}) - margin + 255) >> subpixel_bits, 0);
     const int x1 = std::min((std::max({a.x, b.x, c.x}) + margin) >> subpixel_bits, grid.width - 1);
@@ -161,11 +166,13 @@ void bin_triangle(const ScreenTriangle& t, const TileGrid& grid, int margin, Bin
     const uint32_t index = uint32_t(stretch.triangles.size());
     stretch.triangles.push_back(t);
     for (int y = y0 / tile_size; y <= y1 / tile_size; ++y)
-        for (int x = x0 / tile_size; x <= x1 / tile_size; ++x) stretch.bins[size_t(y) * grid.across + x].push_back(index);
+        for (int x = x0 / tile_size; x <= x1 / tile_size; ++x)
+            stretch.bins[size_t(y) * grid.across + x].push_back(index);
 }
 
 template <class Real>
-std::vector<BinnedStretch> bin_scene(const Frame<Real>& frame, const TileGrid& grid, int margin, DrawStatistics& statistics) {
+std::vector<BinnedStretch> bin_scene(const Frame<Real>& frame, const TileGrid& grid, int margin,
+                                     DrawStatistics& statistics) {
     struct Stretch {
         const DrawnObject<Real>* object;
         size_t begin, end;
@@ -184,7 +191,8 @@ std::vector<BinnedStretch> bin_scene(const Frame<Real>& frame, const TileGrid& g
         for (int i = 0; i < count; ++i) {
             codes[o][i] = uint16_t(clip_code(clip[i], grid.width, grid.height));
             not_finite += (codes[o][i] & clip_not_finite) != 0;
-            if (!(codes[o][i] & (must_clip | clip_not_finite))) screen[o][i] = project(clip[i], grid.width, grid.height);
+            if (!(codes[o][i] & (must_clip | clip_not_finite)))
+                screen[o][i] = project(clip[i], grid.width, grid.height);
         }
         statistics.not_finite_vertices += not_finite;
         const size_t triangles = frame.objects[o].mesh->triangle_count();
@@ -208,7 +216,8 @@ std::vector<BinnedStretch> bin_scene(const Frame<Real>& frame, const TileGrid& g
             if ((a & b & c) != 0 || ((a | b | c) & clip_not_finite) != 0) continue;
             const uint32_t number = stretch.object->first_triangle + uint32_t(t);
             if (((a | b | c) & must_clip) == 0) {
-                bin_triangle({{screen[o][corner[0]], screen[o][corner[1]], screen[o][corner[2]]}, number}, grid, margin, out[s]);
+                bin_triangle({{screen[o][corner[0]], screen[o][corner[1]], screen[o][corner[2]]}, number}, grid, margin,
+                             out[s]);
                 continue;
             }
             ++clipped;
@@ -232,7 +241,8 @@ struct Fragment {
 };
 
 /// The distinct triangles that each pixel of a tile sees, with the share of its samples. Row by row.
-void collect_fragments(const VisibilityTile& tile, int samples, glm::ivec2 origin, const TileGrid& grid, std::vector<Fragment>& out) {
+void collect_fragments(const VisibilityTile& tile, int samples, glm::ivec2 origin, const TileGrid& grid,
+                       std::vector<Fragment>& out) {
     out.clear();
     const int width = std::min(tile_size, grid.width - origin.x), height = std::min(tile_size, grid.height - origin.y);
     for (int y = 0; y < height; ++y)
@@ -254,7 +264,7 @@ void collect_fragments(const VisibilityTile& tile, int samples, glm::ivec2 origi
 template <class Real>
 glm::vec<3, Real> corner_weights(const DrawnObject<Real>& object, const uint32_t* corner, int x, int y) {
     const glm::vec<4, Real>&p0 = object.vertices.homogeneous[corner[0]], &p1 = object.vertices.homogeneous[corner[1]],
-                &p2 = object.vertices.homogeneous[corner[2]];
+                      &p2 = object.vertices.homogeneous[corner[2]];
     const Real cx = Real(x) + Real(0.5), cy = Real(y) + Real(0.5);
     const Real x0 = p0.x - p0.w * cx, x1 = p1.x - p1.w * cx, x2 = p2.x - p2.w * cx;
     const Real y0 = p0.y - p0.w * cy, y1 = p1.y - p1.w * cy, y2 = p2.y - p2.w * cy;
@@ -266,10 +276,12 @@ glm::vec<3, Real> corner_weights(const DrawnObject<Real>& object, const uint32_t
 
 /// The unit normal at a fragment. Where vertex normals cancel the direction is noise: the face normal stands in, counted.
 template <class Real>
-glm::vec<3, Real> fragment_normal(const DrawnObject<Real>& object, const uint32_t* corner, glm::vec<3, Real> weights, int64_t& fallbacks) {
+glm::vec<3, Real> fragment_normal(const DrawnObject<Real>& object, const uint32_t* corner, glm::vec<3, Real> weights,
+                                  int64_t& fallbacks) {
     using vec3 = glm::vec<3, Real>;
     const VertexStream<Real>& vertices = object.vertices;
-    const vec3 n = weights.x * vertices.normal[corner[0]] + weights.y * vertices.normal[corner[1]] + weights.z * vertices.normal[corner[2]];
+    const vec3 n = weights.x * vertices.normal[corner[0]] + weights.y * vertices.normal[corner[1]] +
+                   weights.z * vertices.normal[corner[2]];
     const Real squared = glm::dot(n, n);
     if (object.normals_can_cancel && !(squared >= Real(1e-8))) {
         ++fallbacks;
@@ -281,8 +293,8 @@ glm::vec<3, Real> fragment_normal(const DrawnObject<Real>& object, const uint32_
 }
 
 template <class Real>
-void interpolate(const Frame<Real>& frame, const DrawnObject<Real>& object, const Fragment* fragments, FragmentBatch<Real>& batch,
-                 int64_t& fallbacks) {
+void interpolate(const Frame<Real>& frame, const DrawnObject<Real>& object, const Fragment* fragments,
+                 FragmentBatch<Real>& batch, int64_t& fallbacks) {
     using vec3 = glm::vec<3, Real>;
     const VertexStream<Real>& vertices = object.vertices;
     for (int i = 0; i < batch.count; ++i) {
@@ -303,15 +315,16 @@ void interpolate(const Frame<Real>& frame, const DrawnObject<Real>& object, cons
         }
         if (!vertices.colour.empty())
             for (int k = 0; k < frame.layers_out; ++k)
-                batch.out[k][i] = weights.x * vertices.colour[corner[0]][k] + weights.y * vertices.colour[corner[1]][k] +
-                                  weights.z * vertices.colour[corner[2]][k];
+                batch.out[k][i] = weights.x * vertices.colour[corner[0]][k] +
+                                  weights.y * vertices.colour[corner[1]][k] + weights.z * vertices.colour[corner[2]][k];
     }
 }
 
 // ---------------------------------------------------------------------------------------------- stage 6: film
 
 template <class Real>
-void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, const FragmentBatch<Real>& batch, DrawStatistics& statistics) {
+void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, const FragmentBatch<Real>& batch,
+                   DrawStatistics& statistics) {
     Film& film = frame.film;
     const glm::vec3 background(frame.scene.film.background);
     for (int i = 0; i < batch.count; ++i) {
@@ -326,10 +339,14 @@ void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, co
         if (!(std::isfinite(value.x) && std::isfinite(value.y) && std::isfinite(value.z))) {
             ++statistics.not_finite_pixels;
             const int x = batch.pixel[i] % film.width, y = batch.pixel[i] / film.width;
-            if (!statistics.first_not_finite || std::pair(y, x) < std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x)) {
-                const auto in = [&](int k) { return glm::dvec3(batch.in[k][i], batch.in[k + 1][i], batch.in[k + 2][i]); };
+            if (!statistics.first_not_finite ||
+                std::pair(y, x) < std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x)) {
+                const auto in = [&](int k) {
+                    return glm::dvec3(batch.in[k][i], batch.in[k + 1][i], batch.in[k + 2][i]);
+                };
                 const Material& material = frame.scene.materials[object.object->material];
-                statistics.first_not_finite = {x, y, material.name, material.model, in(0), in(3), in(6), glm::dvec3(value)};
+                statistics.first_not_finite = {x,     y,     material.name, material.model,
+                                               in(0), in(3), in(6),         glm::dvec3(value)};
             }
         }
     }
@@ -342,8 +359,8 @@ void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, co
 }
 
 template <class Real>
-void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const VisibilityTile& tile, const Fragment* fragments,
-                    glm::ivec2 origin, const FragmentBatch<Real>& batch) {
+void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const VisibilityTile& tile,
+                    const Fragment* fragments, glm::ivec2 origin, const FragmentBatch<Real>& batch) {
     Layer &id = *frame.film.find("id"), &depth = *frame.film.find("depth"), &normal = *frame.film.find("normal"),
           &position = *frame.film.find("position");
     for (int i = 0; i < batch.count; ++i) {
@@ -368,7 +385,9 @@ void for_each_batch(const Frame<Real>& frame, std::vector<Fragment>& fragments, 
         const DrawnObject<Real>& object = frame.object_of(fragments[begin].triangle);
         const uint32_t end_triangle = object.first_triangle + uint32_t(object.mesh->triangle_count());
         size_t end = begin;
-        while (end < fragments.size() && end - begin < size_t(FragmentBatch<Real>::capacity) && fragments[end].triangle < end_triangle) ++end;
+        while (end < fragments.size() && end - begin < size_t(FragmentBatch<Real>::capacity) &&
+               fragments[end].triangle < end_triangle)
+            ++end;
         visit(object, &fragments[begin], int(end - begin));
         begin = end;
     }
@@ -386,11 +405,12 @@ void merge(DrawStatistics& into, const DrawStatistics& from) {
 }  // namespace
 
 template <class Real>
-DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes, const plugin::Table<Real>& plugin,
-                    Film& film) {
+DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
+                    const plugin::Table<Real>& plugin, Film& film) {
     DrawStatistics statistics;
     const double start = now_ms();
-    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.terms ? 12 : 3};
+    Frame<Real> frame{
+        scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.terms ? 12 : 3};
     for (int i : features.lights) {
         const std::vector<double> light = scene.lights[i].flatten();
         frame.lights.emplace_back(light.begin(), light.end());
@@ -420,13 +440,15 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
             tile.depth.assign(size_t(sample_count) * tile_size * tile_size, 1.0f);
             tile.triangle.assign(size_t(sample_count) * tile_size * tile_size, no_triangle);
             for (const BinnedStretch& stretch : stretches)
-                rasterize_list(stretch.triangles.data(), stretch.bins[index].data(), stretch.bins[index].size(), origin, sample_count, tile);
+                rasterize_list(stretch.triangles.data(), stretch.bins[index].data(), stretch.bins[index].size(), origin,
+                               sample_count, tile);
             collect_fragments(tile, sample_count, origin, grid, fragments);
         };
 #pragma omp for schedule(dynamic)
         for (int index = 0; index < grid.across * grid.down; ++index) {
             const glm::ivec2 origin(index % grid.across * tile_size, index / grid.across * tile_size);
-            const bool anything = std::any_of(stretches.begin(), stretches.end(), [&](const BinnedStretch& s) { return !s.bins[index].empty(); });
+            const bool anything = std::any_of(stretches.begin(), stretches.end(),
+                                              [&](const BinnedStretch& s) { return !s.bins[index].empty(); });
             if (!anything) continue;
             see(index, origin, samples);
             for_each_batch(frame, fragments, [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
@@ -455,7 +477,9 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
     return statistics;
 }
 
-template DrawStatistics draw<float>(const Scene&, const Features&, const std::vector<Mesh>&, const plugin::Table<float>&, Film&);
-template DrawStatistics draw<double>(const Scene&, const Features&, const std::vector<Mesh>&, const plugin::Table<double>&, Film&);
+template DrawStatistics draw<float>(const Scene&, const Features&, const std::vector<Mesh>&,
+                                    const plugin::Table<float>&, Film&);
+template DrawStatistics draw<double>(const Scene&, const Features&, const std::vector<Mesh>&,
+                                     const plugin::Table<double>&, Film&);
 
 }  // namespace shadelab

@@ -35,14 +35,16 @@ Film::Film(int width, int height, const Features& features, glm::dvec3 backgroun
     if (features.geometry_layers) {
         add("id", 1);
         add("depth", 1);
-        std::fill(layers.back().data.begin(), layers.back().data.end(), 1.0f);  // the far plane, as a cleared depth buffer
+        std::fill(layers.back().data.begin(), layers.back().data.end(),
+                  1.0f);  // the far plane, as a cleared depth buffer
         add("normal", 3);
         add("position", 3);
     }
 }
 
 Layer* Film::find(const std::string& name) {
-    const auto found = std::find_if(layers.begin(), layers.end(), [&](const Layer& layer) { return layer.name == name; });
+    const auto found =
+        std::find_if(layers.begin(), layers.end(), [&](const Layer& layer) { return layer.name == name; });
     return found == layers.end() ? nullptr : &*found;
 }
 
@@ -60,15 +62,19 @@ Film Film::downsampled(int n) const {
         const Layer& from = layers[l];
         Layer& to = small.layers[l];
         to.data.assign(size_t(small.width) * small.height * to.channels, 0.0f);
-        const bool geometry = from.name == "id" || from.name == "depth" || from.name == "normal" || from.name == "position";
+        const bool geometry =
+            from.name == "id" || from.name == "depth" || from.name == "normal" || from.name == "position";
         for (int y = 0; y < small.height; ++y)
             for (int x = 0; x < small.width; ++x)
                 for (int c = 0; c < to.channels; ++c) {
-                    const auto source = [&](int i, int j) { return from.data[(size_t(y * n + j) * width + x * n + i) * from.channels + c]; };
+                    const auto source = [&](int i, int j) {
+                        return from.data[(size_t(y * n + j) * width + x * n + i) * from.channels + c];
+                    };
                     double sum = 0;
                     for (int j = 0; j < n; ++j)
                         for (int i = 0; i < n; ++i) sum += source(i, j);
-                    to.data[(size_t(y) * small.width + x) * to.channels + c] = geometry ? source(n / 2, n / 2) : float(sum / (n * n));
+                    to.data[(size_t(y) * small.width + x) * to.channels + c] =
+                        geometry ? source(n / 2, n / 2) : float(sum / (n * n));
                 }
     }
     return small;
@@ -85,7 +91,8 @@ uint8_t srgb_byte(double linear) {
 
 void write_png(const Film& film, const Layer& layer, const std::string& file, double exposure) {
     std::vector<uint8_t> bytes(size_t(film.width) * film.height * 3);
-    const bool light = layer.name == "total" || layer.name == "ambient" || layer.name == "diffuse" || layer.name == "specular";
+    const bool light =
+        layer.name == "total" || layer.name == "ambient" || layer.name == "diffuse" || layer.name == "specular";
     float largest = 0;  // of id and position, which have no natural range
     for (float value : layer.data)
         if (std::isfinite(value)) largest = std::max(largest, std::abs(value));
@@ -117,7 +124,8 @@ void write_exr(const Film& film, const std::string& file) {
     header.compression() = Imf::ZIP_COMPRESSION;
     Imf::FrameBuffer frame;
     for (const Layer& layer : film.layers) {
-        const bool light = layer.name == "total" || layer.name == "ambient" || layer.name == "diffuse" || layer.name == "specular";
+        const bool light =
+            layer.name == "total" || layer.name == "ambient" || layer.name == "diffuse" || layer.name == "specular";
         const char* suffixes = layer.channels == 1 ? nullptr : light ? "RGB" : "XYZ";
         for (int c = 0; c < layer.channels; ++c) {
             // The total stands in the root layer, so that any viewer shows it first.
@@ -147,7 +155,8 @@ void write_npy(const Film& film, const std::string& file) {
     std::vector<float> pixels;
     pixels.reserve(size_t(film.width) * film.height * channels);
     for (size_t i = 0; i < size_t(film.width) * film.height; ++i)
-        for (const Layer& layer : film.layers) pixels.insert(pixels.end(), layer.pixel(i), layer.pixel(i) + layer.channels);
+        for (const Layer& layer : film.layers)
+            pixels.insert(pixels.end(), layer.pixel(i), layer.pixel(i) + layer.channels);
     std::ofstream out(file, std::ios::binary);
     const uint16_t size = uint16_t(header.size());
     out.write("\x93NUMPY\x01\x00", 8);

@@ -45,7 +45,8 @@ std::string rebuild(const Manifest& manifest, const std::string& type, int& k, b
 }
 
 /// The expressions that read the columns of `value` in order.
-void flatten(const Manifest& manifest, const std::string& type, const std::string& value, std::vector<std::string>& out) {
+void flatten(const Manifest& manifest, const std::string& type, const std::string& value,
+             std::vector<std::string>& out) {
     if (type == "Real" || type == "int") {
         out.push_back(value);
     } else if (const Struct* s = manifest.find_struct(type)) {
@@ -59,7 +60,8 @@ template <class Column>
 std::string call_with_columns(const Manifest& manifest, const Function& function, bool cpp, Column column) {
     std::vector<std::string> arguments;
     int k = 0;
-    for (const Value& argument : function.arguments) arguments.push_back(rebuild(manifest, argument.type, k, cpp, column));
+    for (const Value& argument : function.arguments)
+        arguments.push_back(rebuild(manifest, argument.type, k, cpp, column));
     return function.name + "(" + join(arguments, ", ") + ")";
 }
 
@@ -90,7 +92,9 @@ std::string read_text(const std::filesystem::path& file) {
 }  // namespace
 
 std::string cpp_assignment_header(const Manifest& manifest) {
-    std::string out = "#pragma once\n// Generated from assignment.toml. <shadelab/shading.hpp> includes it.\n\nnamespace shadelab::glsl {\n\n";
+    std::string out =
+        "#pragma once\n// Generated from assignment.toml. <shadelab/shading.hpp> includes it.\n\nnamespace "
+        "shadelab::glsl {\n\n";
     for (const Struct& s : manifest.structs) out += struct_text(s);
     out += "\n}  // namespace shadelab::glsl\n";
     for (const Manifest& earlier : manifest.given) {
@@ -106,19 +110,22 @@ std::string cpp_assignment_header(const Manifest& manifest) {
 
 std::string cpp_glue(const Manifest& manifest, const std::string& student_file) {
     std::ostringstream out;
-    out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, so that the\n"
+    out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, "
+           "so that the\n"
            "// compiler inlines the functions into the loops and vectorises them.\n"
            "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
            "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n\n";
     for (const Manifest& earlier : manifest.given)
-        out << "namespace given {\n#include \"" << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
-            << "\"\n}\n";
+        out << "namespace given {\n#include \""
+            << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string() << "\"\n}\n";
     out << "#include \"" << student_file << "\"\n\n";
 
     // The arrays are restrict parameters and not members: otherwise the compiler must assume that they overlap.
-    const char* inputs = "const Real* __restrict nx, const Real* __restrict ny, const Real* __restrict nz, const Real* __restrict xx,\n"
-                         "    const Real* __restrict xy, const Real* __restrict xz, const Real* __restrict vx, const Real* __restrict vy,\n"
-                         "    const Real* __restrict vz";
+    const char* inputs =
+        "const Real* __restrict nx, const Real* __restrict ny, const Real* __restrict nz, const Real* __restrict xx,\n"
+        "    const Real* __restrict xy, const Real* __restrict xz, const Real* __restrict vx, const Real* __restrict "
+        "vy,\n"
+        "    const Real* __restrict vz";
     const std::vector<std::string> terms = {"ambient", "diffuse", "specular"};
     std::vector<Function> models;
     collect_models(manifest, models);
@@ -135,35 +142,43 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                     for (const std::string& term : terms)
                         for (const char* c : {"r", "g", "b"}) out << ", Real* __restrict " << term << "_" << c;
                 out << ",\n    const " << material << "& material, const Light& source) {\n"
-                    << "    const " << material << " m = material;\n    Light light = source;\n    light.kind = " << kind
+                    << "    const " << material
+                    << " m = material;\n    Light light = source;\n    light.kind = " << kind
                     << ";  // a constant: no branch on it stays in the loop\n"
                     << "    for (int i = 0; i < count; ++i) {\n"
                     << "        const vec3 n(nx[i], ny[i], nz[i]), x(xx[i], xy[i], xz[i]), v(vx[i], vy[i], vz[i]);\n"
                     << "        const Incident incident = incident_light(light, x);\n"
                     // Not const: GCC 12 would leave the whole loop scalar.
                     << "        Terms terms = " << call_model(model) << ";\n";
-                for (const std::string& term : terms) out << "        const vec3 " << term << " = terms." << term << " * incident.e;\n";
+                for (const std::string& term : terms)
+                    out << "        const vec3 " << term << " = terms." << term << " * incident.e;\n";
                 out << "        const vec3 total = (ambient + diffuse) + specular;\n"
                     << "        tr[i] += total.x; tg[i] += total.y; tb[i] += total.z;\n";
                 if (layers)
                     for (const std::string& term : terms)
-                        out << "        " << term << "_r[i] += " << term << ".x; " << term << "_g[i] += " << term << ".y; " << term
-                            << "_b[i] += " << term << ".z;\n";
+                        out << "        " << term << "_r[i] += " << term << ".x; " << term << "_g[i] += " << term
+                            << ".y; " << term << "_b[i] += " << term << ".z;\n";
                 out << "    }\n}\n";
             }
         }
         out << "#endif\n";
         for (int kind = 0; kind < 3; ++kind) {
             const std::string name = "shade_" + model.name + "_" + kind_names[kind];
-            const auto column = [&](const char* array) { return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; }; };
+            const auto column = [&](const char* array) {
+                return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; };
+            };
             int k = 0, l = 0;
             out << "static void batch_" << model.name << "_" << kind_names[kind]
                 << "(const shadelab::plugin::Batch<Real>& batch, const Real* material, const Real* light) noexcept {\n"
                 << "    const Real* const* in = batch.in;\n    Real* const* out = batch.out;\n"
-                << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material")) << ";\n"
+                << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material"))
+                << ";\n"
                 << "    const Light source = " << rebuild(manifest, "Light", l, true, column("light")) << ";\n"
-                << "    " << name << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8], out[0], out[1], out[2],\n"
-                << "#if SHADELAB_TERMS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], out[11],\n#endif\n"
+                << "    " << name
+                << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8], out[0], out[1], "
+                   "out[2],\n"
+                << "#if SHADELAB_TERMS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], "
+                   "out[11],\n#endif\n"
                 << "        m, source);\n}\n";
         }
     }
@@ -173,10 +188,13 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
         std::vector<std::string> results;
         flatten(manifest, function.returns, "result", results);
-        out << "static void evaluate_" << function.name << "(std::int64_t count, const Real* in, Real* out) noexcept {\n"
-            << "    for (std::int64_t i = 0; i < count; ++i, in += " << columns_in << ", out += " << columns_out << ") {\n"
+        out << "static void evaluate_" << function.name
+            << "(std::int64_t count, const Real* in, Real* out) noexcept {\n"
+            << "    for (std::int64_t i = 0; i < count; ++i, in += " << columns_in << ", out += " << columns_out
+            << ") {\n"
             << "        const " << function.returns << " result = "
-            << call_with_columns(manifest, function, true, [](int k) { return "in[" + std::to_string(k) + "]"; }) << ";\n       ";
+            << call_with_columns(manifest, function, true, [](int k) { return "in[" + std::to_string(k) + "]"; })
+            << ";\n       ";
         for (size_t k = 0; k < results.size(); ++k) out << " out[" << k << "] = " << results[k] << ";";
         out << "\n    }\n}\n";
     }
@@ -184,17 +202,19 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
     out << "\nstatic const shadelab::plugin::Model<Real> model_table[] = {\n";
     for (const Function& model : models) {
         out << "    {\"" << model.name << "\", {";
-        for (int kind = 0; kind < 3; ++kind) out << (kind ? ", " : "") << "batch_" << model.name << "_" << kind_names[kind];
+        for (int kind = 0; kind < 3; ++kind)
+            out << (kind ? ", " : "") << "batch_" << model.name << "_" << kind_names[kind];
         out << "}},\n";
     }
     if (models.empty()) out << "    {nullptr, {nullptr, nullptr, nullptr}},\n";
     out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n";
     for (const Function& function : manifest.functions)
-        out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", " << manifest.columns(function.returns)
-            << ", evaluate_" << function.name << "},\n";
-    out << "};\nextern \"C\" __attribute__((visibility(\"default\"))) const shadelab::plugin::Table<Real> shadelab_plugin = {\n"
-        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ", " << manifest.functions.size()
-        << ", model_table, function_table};\n";
+        out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", "
+            << manifest.columns(function.returns) << ", evaluate_" << function.name << "},\n";
+    out << "};\nextern \"C\" __attribute__((visibility(\"default\"))) const shadelab::plugin::Table<Real> "
+           "shadelab_plugin = {\n"
+        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ", "
+        << manifest.functions.size() << ", model_table, function_table};\n";
     return out.str();
 }
 
@@ -221,11 +241,13 @@ std::string glsl_evaluate_main(const Manifest& manifest, const Function& functio
     out << "uniform sampler2D shadelab_rows;\n";
     for (size_t k = 0; k < targets; ++k) out << "layout(location = " << k << ") out vec4 shadelab_out" << k << ";\n";
     out << "void main() {\n    ivec2 at = ivec2(gl_FragCoord.xy) * ivec2(" << texels << ", 1);\n";
-    for (int k = 0; k < texels; ++k) out << "    vec4 c" << k << " = texelFetch(shadelab_rows, at + ivec2(" << k << ", 0), 0);\n";
+    for (int k = 0; k < texels; ++k)
+        out << "    vec4 c" << k << " = texelFetch(shadelab_rows, at + ivec2(" << k << ", 0), 0);\n";
     const auto column = [](int k) { return "c" + std::to_string(k / 4) + "." + "xyzw"[k % 4]; };
     out << "    " << function.returns << " result = " << call_with_columns(manifest, function, false, column) << ";\n";
     for (size_t k = 0; k < targets; ++k)
-        out << "    shadelab_out" << k << " = vec4(" << join({results.begin() + 4 * k, results.begin() + 4 * k + 4}, ", ") << ");\n";
+        out << "    shadelab_out" << k << " = vec4("
+            << join({results.begin() + 4 * k, results.begin() + 4 * k + 4}, ", ") << ");\n";
     out << "}\n";
     return out.str();
 }
@@ -250,8 +272,8 @@ const char* fallback_text =
 
 }  // namespace
 
-ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features, const Function& model,
-                             Interpolation interpolation, bool normals_can_cancel) {
+ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features,
+                             const Function& model, Interpolation interpolation, bool normals_can_cancel) {
     std::ostringstream uniforms, body;
     const std::string material = model.arguments[0].type;
     std::vector<std::string> members;
@@ -260,8 +282,10 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
         uniforms << "uniform " << member.type << " shadelab_material_" << member.name << ";\n";
         members.push_back("shadelab_material_" + member.name);
     }
-    body << "    vec3 v = normalize(shadelab_eye - x);\n    " << material << " m = " << material << "(" << join(members, ", ") << ");\n"
-         << "    vec3 ambient = vec3(0), diffuse = vec3(0), specular = vec3(0), total = vec3(0);\n    Incident incident;\n    Terms terms;\n";
+    body << "    vec3 v = normalize(shadelab_eye - x);\n    " << material << " m = " << material << "("
+         << join(members, ", ") << ");\n"
+         << "    vec3 ambient = vec3(0), diffuse = vec3(0), specular = vec3(0), total = vec3(0);\n    Incident "
+            "incident;\n    Terms terms;\n";
     for (size_t i = 0; i < features.lights.size(); ++i) {
         const std::string light = "shadelab_light" + std::to_string(i) + "_";
         std::vector<std::string> light_members;
@@ -276,15 +300,18 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
         }
         body << "    incident = incident_light(Light(" << join(light_members, ", ") << "), x);\n"
              << "    terms = " << call_model(model) << ";\n"
-             << "    terms = Terms(terms.ambient * incident.e, terms.diffuse * incident.e, terms.specular * incident.e);\n"
+             << "    terms = Terms(terms.ambient * incident.e, terms.diffuse * incident.e, terms.specular * "
+                "incident.e);\n"
              << "    ambient += terms.ambient; diffuse += terms.diffuse; specular += terms.specular;\n"
              << "    total += (terms.ambient + terms.diffuse) + terms.specular;\n";
     }
 
-    const std::vector<std::string> layers = features.term_layers ? std::vector<std::string>{"total", "ambient", "diffuse", "specular"}
-                                                                 : std::vector<std::string>{"total"};
+    const std::vector<std::string> layers = features.term_layers
+                                                ? std::vector<std::string>{"total", "ambient", "diffuse", "specular"}
+                                                : std::vector<std::string>{"total"};
     std::ostringstream outputs, write;
-    for (size_t k = 0; k < layers.size(); ++k) outputs << "layout(location = " << k << ") out vec4 shadelab_out_" << layers[k] << ";\n";
+    for (size_t k = 0; k < layers.size(); ++k)
+        outputs << "layout(location = " << k << ") out vec4 shadelab_out_" << layers[k] << ";\n";
 
     ShaderMains mains;
     mains.student_in_vertex = interpolation == Interpolation::gouraud;
@@ -297,20 +324,23 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
         vertex << "}\n";
         for (const std::string& layer : layers) fragment << "in vec3 shadelab_" << layer << ";\n";
         fragment << outputs.str() << "void main() {\n";
-        for (const std::string& layer : layers) fragment << "    shadelab_out_" << layer << " = vec4(shadelab_" << layer << ", 1.0);\n";
+        for (const std::string& layer : layers)
+            fragment << "    shadelab_out_" << layer << " = vec4(shadelab_" << layer << ", 1.0);\n";
         fragment << "}\n";
         mains.vertex = vertex.str();
         mains.fragment = fragment.str();
         return mains;
     }
-    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" + transform_body +
-                   "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
+    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" +
+                   transform_body + "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
     std::ostringstream fragment;
-    fragment << uniforms.str() << "in vec3 shadelab_x;\nin vec3 shadelab_n;\n" << outputs.str() << (normals_can_cancel ? fallback_text : "")
+    fragment << uniforms.str() << "in vec3 shadelab_x;\nin vec3 shadelab_n;\n"
+             << outputs.str() << (normals_can_cancel ? fallback_text : "")
              << "void main() {\n    vec3 x = shadelab_x;\n    vec3 n = "
              << (normals_can_cancel ? "shadelab_unit_normal(shadelab_n, x)" : "normalize(shadelab_n)") << ";\n"
              << body.str();
-    for (const std::string& layer : layers) fragment << "    shadelab_out_" << layer << " = vec4(" << layer << ", 1.0);\n";
+    for (const std::string& layer : layers)
+        fragment << "    shadelab_out_" << layer << " = vec4(" << layer << ", 1.0);\n";
     fragment << "}\n";
     mains.fragment = fragment.str();
     return mains;
@@ -319,18 +349,20 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
 ShaderMains glsl_geometry_mains(bool normals_can_cancel) {
     ShaderMains mains;
     mains.student_in_vertex = false;
-    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" + transform_body +
-                   "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
-    mains.fragment = std::string("uniform float shadelab_id;\nin vec3 shadelab_x;\nin vec3 shadelab_n;\n") +
-                     "layout(location = 0) out vec4 shadelab_normal_id;\nlayout(location = 1) out vec4 shadelab_position_depth;\n" +
-                     (normals_can_cancel ? fallback_text : "") + "void main() {\n    vec3 n = " +
-                     (normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)") +
-                     ";\n    shadelab_normal_id = vec4(n, shadelab_id);\n"
-                     "    shadelab_position_depth = vec4(shadelab_x, gl_FragCoord.z);\n}\n";
+    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" +
+                   transform_body + "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
+    mains.fragment =
+        std::string("uniform float shadelab_id;\nin vec3 shadelab_x;\nin vec3 shadelab_n;\n") +
+        "layout(location = 0) out vec4 shadelab_normal_id;\nlayout(location = 1) out vec4 shadelab_position_depth;\n" +
+        (normals_can_cancel ? fallback_text : "") + "void main() {\n    vec3 n = " +
+        (normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)") +
+        ";\n    shadelab_normal_id = vec4(n, shadelab_id);\n"
+        "    shadelab_position_depth = vec4(shadelab_x, gl_FragCoord.z);\n}\n";
     return mains;
 }
 
-void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder, const std::filesystem::path& out) {
+void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
+                const std::filesystem::path& out) {
     std::filesystem::create_directories(out / "shadelab");
     std::filesystem::create_directories(out / "evaluate");
     const auto write = [&](const std::filesystem::path& file, const std::string& text) {

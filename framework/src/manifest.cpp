@@ -47,7 +47,8 @@ Value read_value(const toml::table& table, const std::string& file, const std::s
     return value;
 }
 
-std::vector<Value> read_values(TomlReader& reader, const std::string& key, const std::string& file, const Manifest& manifest) {
+std::vector<Value> read_values(TomlReader& reader, const std::string& key, const std::string& file,
+                               const Manifest& manifest) {
     std::vector<Value> out;
     const toml::node* node = reader.find(key);
     const toml::array* array = node ? node->as_array() : nullptr;

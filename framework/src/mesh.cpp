@@ -29,7 +29,7 @@ struct ObjFile {
     std::vector<glm::dvec3> positions, normals;
     std::vector<Corner> corners;  ///< three per triangle
     std::vector<std::string> notes;
-    int thin_faces = 0;           ///< faces of fewer than three vertices
+    int thin_faces = 0;  ///< faces of fewer than three vertices
 };
 
 /// What the loader passes over in silence: it reads "nan", "inf" and words as 0 and leaves out polygons whose indices do not
@@ -51,7 +51,9 @@ CheckedStatements check_statements(std::istream& in, const std::string& file) {
     std::string line;
     for (int number = 1; std::getline(in, line); ++number) {
         const char* at = line.c_str() + std::min(line.find_first_not_of(" \t"), line.size());
-        const auto starts = [&](const char* word, size_t n) { return line.compare(size_t(at - line.c_str()), n, word) == 0 && (at[n] == ' ' || at[n] == '\t'); };
+        const auto starts = [&](const char* word, size_t n) {
+            return line.compare(size_t(at - line.c_str()), n, word) == 0 && (at[n] == ' ' || at[n] == '\t');
+        };
         if (starts("f", 1)) {
             faces.push_back({number, at + 2, positions, normals});
         } else if (starts("vn", 2)) {
@@ -75,10 +77,12 @@ CheckedStatements check_statements(std::istream& in, const std::string& file) {
         for (std::string word; words >> word && word[0] != '#'; ++corners) {
             const size_t slash = word.rfind('/');
             const bool has_normal = std::count(word.begin(), word.end(), '/') == 2 && slash + 1 < word.size();
-            const long p = std::strtol(word.c_str(), nullptr, 10), n = has_normal ? std::strtol(word.c_str() + slash + 1, nullptr, 10) : 1;
+            const long p = std::strtol(word.c_str(), nullptr, 10),
+                       n = has_normal ? std::strtol(word.c_str() + slash + 1, nullptr, 10) : 1;
             const auto fail = [&](const char* what, long index, long there) {
-                throw InputError(file + ":" + std::to_string(face.line) + ": the face refers to " + what + " " + std::to_string(index) +
-                                 ", but the file has " + std::to_string(there) + (index == 0 ? "; they are counted from 1" : ""));
+                throw InputError(file + ":" + std::to_string(face.line) + ": the face refers to " + what + " " +
+                                 std::to_string(index) + ", but the file has " + std::to_string(there) +
+                                 (index == 0 ? "; they are counted from 1" : ""));
             };
             if (p == 0 || p > positions || -p > face.positions) fail("vertex", p, positions);
             if (has_normal && (n == 0 || n > normals || -n > face.normals)) fail("normal", n, normals);
@@ -99,8 +103,8 @@ ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
     // Material libraries are not even opened: the scene file gives the materials.
     struct IgnoreMaterials : tinyobj::MaterialReader {
         bool seen = false;
-        bool operator()(const std::string&, std::vector<tinyobj::material_t>*, std::map<std::string, int>*, std::string*,
-                        std::string*) override {
+        bool operator()(const std::string&, std::vector<tinyobj::material_t>*, std::map<std::string, int>*,
+                        std::string*, std::string*) override {
             seen = true;
             return true;
         }
@@ -110,7 +114,8 @@ ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
     std::vector<tinyobj::material_t> materials;
     std::string warning, error;
     const bool triangulate = true, default_colors = false;
-    if (!tinyobj::LoadObj(&attributes, &shapes, &materials, &warning, &error, &in, &materials_reader, triangulate, default_colors))
+    if (!tinyobj::LoadObj(&attributes, &shapes, &materials, &warning, &error, &in, &materials_reader, triangulate,
+                          default_colors))
         throw InputError(file.string() + ": not a valid OBJ file: " + one_line(error));
 
     ObjFile obj;
@@ -128,7 +133,8 @@ ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
             obj.corners.push_back({index.vertex_index, index.normal_index});
         }
     if (obj.corners.empty()) throw InputError(file.string() + ": holds no faces");
-    if (materials_reader.seen) obj.notes.push_back(file.filename().string() + ": materials (mtllib) ignored; the scene file gives them");
+    if (materials_reader.seen)
+        obj.notes.push_back(file.filename().string() + ": materials (mtllib) ignored; the scene file gives them");
     return obj;
 }
 
@@ -184,9 +190,12 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
         mesh.notes.push_back(file.filename().string() + ": " + std::to_string(mesh.dropped_triangles) +
                              " triangles without area or with coordinates that are not finite were left out");
 
-    const auto lacks_normal = [&](const Corner& c) { return c.normal < 0 || !(glm::length(obj.normals[c.normal]) > 0); };
+    const auto lacks_normal = [&](const Corner& c) {
+        return c.normal < 0 || !(glm::length(obj.normals[c.normal]) > 0);
+    };
     if (mode == Normals::file && std::any_of(obj.corners.begin(), obj.corners.end(), lacks_normal)) {
-        mesh.notes.push_back(file.filename().string() + ": normals = \"file\", but not every face has some; smooth ones are used instead");
+        mesh.notes.push_back(file.filename().string() +
+                             ": normals = \"file\", but not every face has some; smooth ones are used instead");
         mode = Normals::smooth;
     }
 
@@ -219,19 +228,23 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
                 vertex = uint32_t(shared[corner.position]);
             } else {
                 const int64_t key = own ? -1 - int64_t(t) : corner.normal;
-                const auto [entry, inserted] = vertex_of_key.try_emplace({corner.position, key}, uint32_t(mesh.positions.size()));
+                const auto [entry, inserted] =
+                    vertex_of_key.try_emplace({corner.position, key}, uint32_t(mesh.positions.size()));
                 fresh = inserted;
                 vertex = entry->second;
             }
             if (fresh) {
-                const glm::dvec3 normal = own ? area_normal(obj, t) : from_file ? obj.normals[corner.normal] : sums[corner.position];
+                const glm::dvec3 normal = own         ? area_normal(obj, t)
+                                          : from_file ? obj.normals[corner.normal]
+                                                      : sums[corner.position];
                 mesh.positions.push_back(glm::vec3(obj.positions[corner.position]));
                 mesh.normals.push_back(glm::vec3(glm::normalize(normal)));
             }
             mesh.indices.push_back(vertex);
             corner_normals[k] = mesh.normals[vertex];
         }
-        for (int k = 0; k < 3; ++k) mesh.opposing_normals |= glm::dot(corner_normals[k], corner_normals[(k + 1) % 3]) < 0;
+        for (int k = 0; k < 3; ++k)
+            mesh.opposing_normals |= glm::dot(corner_normals[k], corner_normals[(k + 1) % 3]) < 0;
     }
     if (mesh.cancelled_normals > 0)
         mesh.notes.push_back(file.filename().string() + ": " + std::to_string(mesh.cancelled_normals) +

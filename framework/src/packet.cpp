@@ -30,13 +30,15 @@ toml::array columns(const Matrix& m) {
 }
 
 toml::table program_text(const ShaderMains& mains) {
-    return toml::table{{"vertex", mains.vertex}, {"fragment", mains.fragment}, {"student_in_vertex", mains.student_in_vertex}};
+    return toml::table{
+        {"vertex", mains.vertex}, {"fragment", mains.fragment}, {"student_in_vertex", mains.student_in_vertex}};
 }
 
 }  // namespace
 
-void write_packet(const Scene& scene, const Manifest& manifest, const Features& features, const std::vector<Mesh>& meshes, int supersample,
-                  const std::filesystem::path& include_folder, const std::filesystem::path& file) {
+void write_packet(const Scene& scene, const Manifest& manifest, const Features& features,
+                  const std::vector<Mesh>& meshes, int supersample, const std::filesystem::path& include_folder,
+                  const std::filesystem::path& file) {
     std::ifstream shading_file(include_folder / "shadelab" / "shading.glsl");
     std::ostringstream shading;
     shading << shading_file.rdbuf();
@@ -82,13 +84,16 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
             for (const Value& member : manifest.find_struct("Light")->members) {
                 const size_t count = size_t(manifest.columns(member.type));
                 if (member.type != "int")
-                    uniforms.insert("shadelab_light" + std::to_string(l) + "_" + member.name, numbers(&light[column], count));
+                    uniforms.insert("shadelab_light" + std::to_string(l) + "_" + member.name,
+                                    numbers(&light[column], count));
                 column += count;
             }
         }
         const bool can_cancel = meshes[i].opposing_normals;
-        toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel))}};
-        if (features.geometry_layers) draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));
+        toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model,
+                                                                              object.interpolation, can_cancel))}};
+        if (features.geometry_layers)
+            draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));
         draw.insert("positions", add_buffer(meshes[i].positions));
         draw.insert("normals", add_buffer(meshes[i].normals));
         draw.insert("indices", add_buffer(meshes[i].indices));
@@ -112,7 +117,8 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
     std::ofstream out(file, std::ios::binary);
     out << "shadelab packet 1\n" << json.str().size() << "\n" << json.str() << buffers;
     out.close();
-    if (!out) throw InfrastructureError(file.string() + ": cannot be written; is the folder there and the disk not full?");
+    if (!out)
+        throw InfrastructureError(file.string() + ": cannot be written; is the folder there and the disk not full?");
 }
 
 }  // namespace shadelab

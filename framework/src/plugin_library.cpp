@@ -17,7 +17,9 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file) {
 
 PluginLibrary::~PluginLibrary() { dlclose(handle_); }
 
-bool PluginLibrary::is_double() const { return static_cast<const plugin::Table<float>*>(table_)->real_size == int(sizeof(double)); }
+bool PluginLibrary::is_double() const {
+    return static_cast<const plugin::Table<float>*>(table_)->real_size == int(sizeof(double));
+}
 
 template <class Real>
 const plugin::Table<Real>& PluginLibrary::table() const {

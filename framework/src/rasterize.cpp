@@ -45,7 +45,8 @@ struct Edge {
 /// 0: the edge rejects the whole tile; 1: it crosses it; 2: the tile is inside (the edge is then constant zero).
 inline int set_edge(const ScreenVertex& u, const ScreenVertex& v, glm::ivec2 origin, glm::ivec2 sample, Edge& edge) {
     const int64_t dx = v.x - u.x, dy = v.y - u.y;
-    const int64_t ux = u.x - int64_t(origin.x) * subpixels - sample.x, uy = u.y - int64_t(origin.y) * subpixels - sample.y;
+    const int64_t ux = u.x - int64_t(origin.x) * subpixels - sample.x,
+                  uy = u.y - int64_t(origin.y) * subpixels - sample.y;
     // Counter-clockwise with y upwards: left edges run down, bottom edges run right. Those own the samples on them.
     const bool owns = dy < 0 || (dy == 0 && dx > 0);
     // Pixels lie 256 sub-pixels apart, so the sign only depends on the floor of the constant over 256.
@@ -62,13 +63,15 @@ inline int set_edge(const ScreenVertex& u, const ScreenVertex& v, glm::ivec2 ori
 
 /// The loops over a triangle's bounding box in one tile, for one sample position. Depth is a plane equation: its constant is
 /// computed in double at the first pixel of every row, so the error is that of at most 63 float steps.
-[[gnu::always_inline]] inline void rasterize_inline(const ScreenTriangle& t, glm::ivec2 origin, glm::ivec2 sample, float* depth,
-                                                    uint32_t* triangle) {
+[[gnu::always_inline]] inline void rasterize_inline(const ScreenTriangle& t, glm::ivec2 origin, glm::ivec2 sample,
+                                                    float* depth, uint32_t* triangle) {
     ScreenVertex v0 = t.vertex[0], v1 = t.vertex[1], v2 = t.vertex[2];
     const int64_t doubled_area = int64_t(v1.x - v0.x) * (v2.y - v0.y) - int64_t(v2.x - v0.x) * (v1.y - v0.y);
     if (doubled_area < 0) std::swap(v1, v2);  // back faces are drawn as well: a scene may look inside an open mesh
     Edge e0, e1, e2;
-    if (!set_edge(v1, v2, origin, sample, e0) || !set_edge(v2, v0, origin, sample, e1) || !set_edge(v0, v1, origin, sample, e2)) return;
+    if (!set_edge(v1, v2, origin, sample, e0) || !set_edge(v2, v0, origin, sample, e1) ||
+        !set_edge(v0, v1, origin, sample, e2))
+        return;
 
     const int left = std::min({v0.x, v1.x, v2.x}) - sample.x, right = std::max({v0.x, v1.x, v2.x}) - sample.x;
     const int bottom = std::min({v0.y, v1.y, v2.y}) - sample.y, top = std::max({v0.y, v1.y, v2.y}) - sample.y;
@@ -86,7 +89,8 @@ inline int set_edge(const ScreenVertex& u, const ScreenVertex& v, glm::ivec2 ori
     const double start_x = double((origin.x + x0) * subpixels + sample.x - v0.x);
 
     for (int y = y0; y <= y1; ++y) {
-        const float z_row = float(v0.z + dzdx_sub * start_x + dzdy_sub * double((origin.y + y) * subpixels + sample.y - v0.y));
+        const float z_row =
+            float(v0.z + dzdx_sub * start_x + dzdy_sub * double((origin.y + y) * subpixels + sample.y - v0.y));
         const int32_t r0 = e0.c + e0.b * y, r1 = e1.c + e1.b * y, r2 = e2.c + e2.b * y;
         for (int x = x0; x <= x1; x += 8) {
             float* __restrict z_at = depth + y * tile_size + x;
@@ -156,9 +160,10 @@ unsigned clip_code(glm::vec4 p, int width, int height) {
     return code;
 }
 
-void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t triangle, std::vector<ScreenTriangle>& out) {
+void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t triangle,
+                      std::vector<ScreenTriangle>& out) {
     const float guard_x = 1 + 2 * guard_pixels / float(width), guard_y = 1 + 2 * guard_pixels / float(height);
-    const Plane planes[] = {{0, 0, 1, 1},  {0, 0, -1, 1},       {1, 0, 0, guard_x},
+    const Plane planes[] = {{0, 0, 1, 1},        {0, 0, -1, 1},      {1, 0, 0, guard_x},
                             {-1, 0, 0, guard_x}, {0, 1, 0, guard_y}, {0, -1, 0, guard_y}};
     glm::dvec4 polygon[9] = {clip[0], clip[1], clip[2]}, next[9];
     int count = 3;
@@ -171,8 +176,7 @@ void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t t
         if (!(polygon[k].w > 0)) return;  // only a triangle through the eye itself: it has no picture
     const auto projected = [&](int k) { return project(glm::vec4(polygon[k]), width, height); };
     const ScreenVertex first = projected(0);
-    for (int k = 1; k + 1 < count; ++k)
-        out.push_back({{first, projected(k), projected(k + 1)}, triangle});
+    for (int k = 1; k + 1 < count; ++k) out.push_back({{first, projected(k), projected(k + 1)}, triangle});
 }
 
 void rasterize(const ScreenTriangle& triangle, glm::ivec2 origin, int samples, VisibilityTile& tile) {

@@ -18,7 +18,8 @@ FilmSettings read_film(TomlReader reader) {
     film.width = reader.integer("width", film.width, 1, 16384);
     film.height = reader.integer("height", film.height, 1, 16384);
     film.samples = reader.integer("samples", film.samples, 1, 64);
-    if ((film.samples & (film.samples - 1)) != 0 || film.samples == 32) reader.fail("samples", "must be 1, 2, 4, 8, 16 or 64");
+    if ((film.samples & (film.samples - 1)) != 0 || film.samples == 32)
+        reader.fail("samples", "must be 1, 2, 4, 8, 16 or 64");
     film.background = reader.vec3("background", film.background, Range{0, largest});
     reader.finish();
     return film;
@@ -56,7 +57,8 @@ Light read_light(TomlReader reader) {
     if (light.kind != LightKind::directional) {
         light.position = reader.vec3("position", Range{-largest, largest});
         light.attenuation = reader.vec3("attenuation", light.attenuation, Range{0, largest});
-        if (light.attenuation == glm::dvec3(0)) reader.fail("attenuation", "must not be all zero: the light would be infinite");
+        if (light.attenuation == glm::dvec3(0))
+            reader.fail("attenuation", "must not be all zero: the light would be infinite");
     }
     if (light.kind != LightKind::point) light.direction = read_direction(reader, "direction");
     if (light.kind == LightKind::spot) {
@@ -99,7 +101,8 @@ Object read_object(TomlReader reader, const std::filesystem::path& folder, const
     const std::string material = reader.string("material");
     const auto found = std::find(names.begin(), names.end(), material);
     if (found == names.end())
-        reader.fail("material", "no [material." + material + "] in this file; there is " + (names.empty() ? "none" : list_of(names)));
+        reader.fail("material", "no [material." + material + "] in this file; there is " +
+                                    (names.empty() ? "none" : list_of(names)));
     object.material = int(found - names.begin());
 
     const std::vector<std::string> normals = {"smooth", "flat", "file"}, interpolations = {"phong", "gouraud"};
@@ -131,8 +134,9 @@ glm::dmat4 Camera::world_to_clip(double aspect) const {
 }
 
 std::vector<double> Light::flatten() const {
-    return {double(kind),  position.x,    position.y,    position.z,    direction.x,   direction.y, direction.z, intensity.x,
-            intensity.y,   intensity.z,   attenuation.x, attenuation.y, attenuation.z, hotspot,     falloff};
+    return {double(kind),  position.x,    position.y,    position.z,  direction.x,
+            direction.y,   direction.z,   intensity.x,   intensity.y, intensity.z,
+            attenuation.x, attenuation.y, attenuation.z, hotspot,     falloff};
 }
 
 Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
@@ -143,7 +147,8 @@ Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
     if (auto film = root.optional_child("film")) scene.film = read_film(*film);
     scene.camera = read_camera(root.child("camera"));
     for (TomlReader& reader : root.children("light")) scene.lights.push_back(read_light(reader));
-    for (auto& [name, reader] : root.named_children("material")) scene.materials.push_back(read_material(name, reader, manifest));
+    for (auto& [name, reader] : root.named_children("material"))
+        scene.materials.push_back(read_material(name, reader, manifest));
     for (TomlReader& reader : root.children("object"))
         scene.objects.push_back(read_object(reader, file.parent_path(), scene.materials));
     root.finish();

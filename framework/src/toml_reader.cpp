@@ -17,13 +17,19 @@ std::string shortest(double value) {
 
 const char* kind_of(const toml::node& node) {
     switch (node.type()) {
-        case toml::node_type::table: return "a table";
-        case toml::node_type::array: return "an array";
-        case toml::node_type::string: return "a string";
+        case toml::node_type::table:
+            return "a table";
+        case toml::node_type::array:
+            return "an array";
+        case toml::node_type::string:
+            return "a string";
         case toml::node_type::integer:
-        case toml::node_type::floating_point: return "a number";
-        case toml::node_type::boolean: return "true or false";
-        default: return "a date";
+        case toml::node_type::floating_point:
+            return "a number";
+        case toml::node_type::boolean:
+            return "true or false";
+        default:
+            return "a date";
     }
 }
 
@@ -88,7 +94,8 @@ std::string TomlReader::where(const std::string& key) const {
 
 void TomlReader::fail(const std::string& key, const std::string& what) const {
     std::string line = where(key) + ": " + what;
-    std::replace_if(line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');  // quoted strings may hold some
+    std::replace_if(
+        line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');  // quoted strings may hold some
     throw InputError(line);
 }
 
@@ -235,7 +242,8 @@ void TomlReader::finish() const {
         if (known_.count(key)) continue;
         const std::vector<std::string> known(known_.begin(), known_.end());
         const std::string guess = nearest(key, known);
-        fail(key, "unknown key; " + (guess.empty() ? "known here: " + list_of(known) : "did you mean \"" + guess + "\"?"));
+        fail(key,
+             "unknown key; " + (guess.empty() ? "known here: " + list_of(known) : "did you mean \"" + guess + "\"?"));
     }
 }
 

@@ -41,9 +41,9 @@ public:
     glm::dvec3 vec3(const std::string& key, Range range = {});
     glm::dvec3 vec3(const std::string& key, glm::dvec3 otherwise, Range range);
     std::vector<std::string> strings(const std::string& key);
-    TomlReader child(const std::string& key);                     ///< a required table
+    TomlReader child(const std::string& key);  ///< a required table
     std::optional<TomlReader> optional_child(const std::string& key);
-    std::vector<TomlReader> children(const std::string& key);     ///< an array of tables; absent = empty
+    std::vector<TomlReader> children(const std::string& key);  ///< an array of tables; absent = empty
     std::vector<std::pair<std::string, TomlReader>> named_children(const std::string& key);  ///< [key.name] tables
 
     /// To be called when everything was read: throws for the first key that nobody asked for.

@@ -75,7 +75,9 @@ def plugin_flags(double: bool, terms: bool) -> list[str]:
     return [*_common, f"-DSHADELAB_TERMS={int(terms)}", *(_double if double else [*_float, *_architecture()])]
 
 
-def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, terms: bool = True) -> Plugin:
+def build_plugin(
+    assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, terms: bool = True
+) -> Plugin:
     """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once.
 
     terms: whether the plugin's loops give the single terms beside the total, which costs time and is left out where nobody asks.
@@ -107,7 +109,9 @@ def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, double:
 
 # ------------------------------------------------------------------------------------------------- C++ messages
 
-_located = re.compile(r"^(?P<file>[^\s:][^:]*):(?P<line>\d+):(?P<column>\d+): (?P<kind>fatal error|error|note|warning): (?P<text>.*)$")
+_located = re.compile(
+    r"^(?P<file>[^\s:][^:]*):(?P<line>\d+):(?P<column>\d+): (?P<kind>fatal error|error|note|warning): (?P<text>.*)$"
+)
 _required = re.compile(r"^(?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+):\s+required from here")
 _undefined = re.compile(r"(?:undefined reference to|undefined symbol) [`'](?P<name>[^'(]+)")
 _vec = re.compile(r"(?:glm::)?vec<(\d), (?:Real|float|double)(?:, (?:\(glm::qualifier\)0|glm::\w+))?>")
@@ -159,7 +163,9 @@ def readable_errors(stderr: str) -> str:
 
 # ------------------------------------------------------------------------------------------------ GLSL messages
 
-_glsl = re.compile(r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?:preprocessor )?(?P<kind>error|warning): (?P<text>.*)$")
+_glsl = re.compile(
+    r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?:preprocessor )?(?P<kind>error|warning): (?P<text>.*)$"
+)
 
 
 def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
@@ -173,9 +179,13 @@ def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
             if number < prelude_line:
                 own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {text}")
             else:
-                others.append(f"shading.glsl: {text} (noticed behind the file's end: is a brace, a comment or an #if left open?)")
+                others.append(
+                    f"shading.glsl: {text} (noticed behind the file's end: is a brace, a comment or an #if left open?)"
+                )
         elif "unresolved reference to function" in line:
             name = line.split("`")[-1].rstrip("'")
-            others.append(f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones")
+            others.append(
+                f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones"
+            )
     words = [line for line in message.splitlines() if line.strip(" =")]
     return "\n".join([*own.values()][:3] or others[:1] or words[:MAX_LINES])

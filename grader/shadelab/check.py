@@ -29,7 +29,7 @@ def involved(assignment: Assignment, functions: set[str]) -> set[str]:
     """The ids of the checks that these functions can make fail: their own, their callers' and their scenes'."""
     affected = callers(assignment, functions)
     out = set()
-    for backend, plans in plan_checks(assignment, "*").items():
+    for plans in plan_checks(assignment, "*").values():
         for plan in plans:
             if isinstance(plan.item, Function):
                 hit = plan.item.name in affected
@@ -62,17 +62,29 @@ def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, 
     failed = {b: [c.id for c in result.checks if c.backend == b and c.status == "failed"] for b in BACKENDS}
     row = Row(name, kind, lost, failed)
     row.faults += [f"{c.id}: {c.message}" for c in result.checks if c.status == "error"]
-    row.faults += [f"{c.id} does not build: {c.message}" for c in result.checks if c.kind == "build" and c.status == "failed"]
+    row.faults += [
+        f"{c.id} does not build: {c.message}" for c in result.checks if c.kind == "build" and c.status == "failed"
+    ]
     if kind == "starter":
         if result.score > STARTER_LIMIT * result.max_score:
-            row.faults.append(f"the starter has {result.score:g} of {result.max_score:g} points, more than {STARTER_LIMIT:.0%}")
+            row.faults.append(
+                f"the starter has {result.score:g} of {result.max_score:g} points, more than {STARTER_LIMIT:.0%}"
+            )
     elif kind == "mistake":
         allowed = involved(assignment, {change.function})
         for backend in BACKENDS:
             own = f"{backend}/function/{change.function}"
             if own not in failed[backend]:
                 row.faults.append(f"{own} does not see it")
-            row.faults += [f"{id} fails although {change.function} has no part in it" for id in failed[backend] if id not in allowed]
+            row.faults += [
+                f"{id} fails although {change.function} has no part in it"
+                for id in failed[backend]
+                if id not in allowed
+            ]
     else:
-        row.faults += [f"{c.id} costs a correct {kind} {c.max_score - c.score:g} points: {c.message}" for c in result.checks if c.status == "failed"]
+        row.faults += [
+            f"{c.id} costs a correct {kind} {c.max_score - c.score:g} points: {c.message}"
+            for c in result.checks
+            if c.status == "failed"
+        ]
     return row

@@ -45,7 +45,12 @@ def progress_bar():
     if not errors.is_terminal:
         yield lambda what, done, total: None
         return
-    columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"), TimeElapsedColumn()]
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeElapsedColumn(),
+    ]
     with Progress(*columns, console=errors, transient=True) as progress:
         task = progress.add_task("starting", total=1)
         yield lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
@@ -57,11 +62,21 @@ def progress_bar():
 @app.command()
 def grade(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")],
-    assignment: Annotated[Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")] = None,
-    out: Annotated[Optional[Path], typer.Option(help="where result.json and report.html go (default: out/ASSIGNMENT)")] = None,
-    json_: Annotated[Optional[str], typer.Option("--json", metavar="FILE|-", help="also write result.json here; - is stdout")] = None,
-    fail_under: Annotated[Optional[float], typer.Option(metavar="P", help="exit with 1 when the score is under P percent")] = None,
-    only: Annotated[str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")] = "*",
+    assignment: Annotated[
+        Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")
+    ] = None,
+    out: Annotated[
+        Optional[Path], typer.Option(help="where result.json and report.html go (default: out/ASSIGNMENT)")
+    ] = None,
+    json_: Annotated[
+        Optional[str], typer.Option("--json", metavar="FILE|-", help="also write result.json here; - is stdout")
+    ] = None,
+    fail_under: Annotated[
+        Optional[float], typer.Option(metavar="P", help="exit with 1 when the score is under P percent")
+    ] = None,
+    only: Annotated[
+        str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")
+    ] = "*",
 ) -> None:
     """Grade one submission: build, run and compare it with the expected data, and say what is wrong.
 
@@ -75,7 +90,9 @@ def grade(
 
     declared = find_assignment(directory, assignment)
     if not any(plan_checks(declared, only).values()):
-        raise UserError(f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}")
+        raise UserError(
+            f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}"
+        )
     out = out or Path("out") / declared.name
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -127,18 +144,33 @@ def _student_build(runner, folder: Path) -> None:
 def render(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="a scene file, for example scenes/phong/teapot.toml")],
     backend: Annotated[Backend, typer.Option(help="the C++ rasterizer or OpenGL")] = "cpp",
-    shading: Annotated[Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")] = None,
-    double: Annotated[bool, typer.Option("--double", help="C++ only: compute in double, as the reference does")] = False,
+    shading: Annotated[
+        Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")
+    ] = None,
+    double: Annotated[
+        bool, typer.Option("--double", help="C++ only: compute in double, as the reference does")
+    ] = False,
     size: Annotated[Optional[str], typer.Option(metavar="WxH", help="pixels, instead of the scene's")] = None,
-    samples: Annotated[Optional[int], typer.Option(help="coverage samples per pixel: 1 2 4 8 16 64 (glsl: 1 2 4)")] = None,
+    samples: Annotated[
+        Optional[int], typer.Option(help="coverage samples per pixel: 1 2 4 8 16 64 (glsl: 1 2 4)")
+    ] = None,
     supersample: Annotated[Optional[int], typer.Option(help="draw N times larger and average N x N pixels")] = None,
-    layers: Annotated[bool, typer.Option("--layers", help="write ambient, diffuse, specular, id, depth, normal, position too")] = False,
-    explain: Annotated[bool, typer.Option("--explain", help="print what the scene needs and what was left out")] = False,
+    layers: Annotated[
+        bool, typer.Option("--layers", help="write ambient, diffuse, specular, id, depth, normal, position too")
+    ] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="print what the scene needs and what was left out")
+    ] = False,
     full: Annotated[bool, typer.Option("--full", help="leave nothing out")] = False,
-    packet: Annotated[Optional[Path], typer.Option(metavar="FILE", help="write the frame packet that an OpenGL client draws")] = None,
+    packet: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="write the frame packet that an OpenGL client draws")
+    ] = None,
     exposure: Annotated[float, typer.Option(help="PNG only: brighten by 2^EXPOSURE")] = 0.0,
     threads: Annotated[Optional[int], typer.Option(help="C++ only: number of threads")] = None,
-    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="FILE", help=".png, .exr or .npy (default: out/SCENE.png)")] = None,
+    output: Annotated[
+        Optional[Path],
+        typer.Option("-o", "--output", metavar="FILE", help=".png, .exr or .npy (default: out/SCENE.png)"),
+    ] = None,
 ) -> None:
     """Render one image with the solution's or a student's shading functions, in C++ or in GLSL."""
     from shadelab.evidence import CppRunner, Draw, GlslRunner
@@ -173,7 +205,16 @@ def render(
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
             if packet:
                 options = [o for o in options if o != "--explain"]
-            image = ["image", str(scene), *options, "--plugin", str(runner.plugin.file), "-o", str(output.resolve()), *numbers]
+            image = [
+                "image",
+                str(scene),
+                *options,
+                "--plugin",
+                str(runner.plugin.file),
+                "-o",
+                str(output.resolve()),
+                *numbers,
+            ]
             _show(runner.sandbox.run([str(RENDER), *image], Limits(seconds=600, memory=8 << 30), cwd=Path.cwd()))
         else:
             gl = GlslRunner(declared, Sandbox(work))
@@ -220,12 +261,23 @@ def _write_image(image, output: Path, exposure: float) -> None:
 @app.command("eval")
 def evaluate(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")],
-    function: Annotated[str, typer.Argument(metavar="FUNCTION", help="a function of the assignment, for example phong_lobe")],
-    inputs: Annotated[Path, typer.Option("--inputs", metavar="IN.npz", help="arrays named as the arguments; a struct's members as arg.member")],
-    output: Annotated[Optional[Path], typer.Option("-o", "--output", metavar="OUT.npz", help="holds result, or result.member")] = None,
+    function: Annotated[
+        str, typer.Argument(metavar="FUNCTION", help="a function of the assignment, for example phong_lobe")
+    ],
+    inputs: Annotated[
+        Path,
+        typer.Option(
+            "--inputs", metavar="IN.npz", help="arrays named as the arguments; a struct's members as arg.member"
+        ),
+    ],
+    output: Annotated[
+        Optional[Path], typer.Option("-o", "--output", metavar="OUT.npz", help="holds result, or result.member")
+    ] = None,
     backend: Annotated[Backend, typer.Option(help="the C++ or the GLSL function")] = "cpp",
     double: Annotated[bool, typer.Option("--double", help="C++ only: the double build")] = False,
-    assignment: Annotated[Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")] = None,
+    assignment: Annotated[
+        Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")
+    ] = None,
 ) -> None:
     """Evaluate one function over arrays and show what it computes and prints.
 
@@ -292,7 +344,11 @@ def reference(name: Annotated[str, typer.Argument(metavar="NAME", help="an assig
 
 
 @app.command()
-def check(names: Annotated[Optional[list[str]], typer.Argument(metavar="[NAME]...", help="assignments (default: all)")] = None) -> None:
+def check(
+    names: Annotated[
+        Optional[list[str]], typer.Argument(metavar="[NAME]...", help="assignments (default: all)")
+    ] = None,
+) -> None:
     """Grade the grader: every declared mistake must lose points where it should and only there, every correct variant none."""
     from shadelab.check import check as run_check
     from shadelab.manifest import assignment_names, find_assignment
@@ -303,7 +359,14 @@ def check(names: Annotated[Optional[list[str]], typer.Argument(metavar="[NAME]..
         with progress_bar() as progress:
             rows = run_check(declared, progress)
         table = Table(title=f"{declared.name}: what each submission loses", title_justify="left")
-        for heading, justify in (("submission", "left"), ("kind", "left"), ("C++", "right"), ("GLSL", "right"), ("failed", "right"), ("", "left")):
+        for heading, justify in (
+            ("submission", "left"),
+            ("kind", "left"),
+            ("C++", "right"),
+            ("GLSL", "right"),
+            ("failed", "right"),
+            ("", "left"),
+        ):
             table.add_column(heading, justify=justify)
         for row in rows:
             failed = "/".join(str(len(row.failed[b])) for b in ("cpp", "glsl"))
@@ -316,7 +379,9 @@ def check(names: Annotated[Optional[list[str]], typer.Argument(metavar="[NAME]..
         mistakes, variants = (sum(r.kind == kind for r in rows) for kind in ("mistake", "variant"))
         bad = sum(bool(r.faults) for r in rows)
         faults += bad
-        output.print(f"{declared.name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {bad} missed\n")
+        output.print(
+            f"{declared.name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {bad} missed\n"
+        )
     if faults:
         raise typer.Exit(1)
 
@@ -324,7 +389,9 @@ def check(names: Annotated[Optional[list[str]], typer.Argument(metavar="[NAME]..
 @app.command()
 def starter(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="an assignment (default: all)")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="write nothing; exit with 1 when starter/ is out of step")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="write nothing; exit with 1 when starter/ is out of step")
+    ] = False,
 ) -> None:
     """Generate starter/NAME from solution/NAME: the marked parts become stubs."""
     from shadelab.manifest import assignment_names, find_assignment
@@ -364,7 +431,9 @@ def doctor() -> None:
 @app.command()
 def test(
     slow: Annotated[bool, typer.Option("--slow", help="also the tests marked slow and oracle")] = False,
-    select: Annotated[Optional[str], typer.Option("-k", metavar="WORDS", help="only Python tests whose name matches")] = None,
+    select: Annotated[
+        Optional[str], typer.Option("-k", metavar="WORDS", help="only Python tests whose name matches")
+    ] = None,
 ) -> None:
     """Run all tests: C++ (ctest) and Python (pytest). The output ends with pytest's summary."""
     environment = {**os.environ, "SHADELAB_ROOT": str(ROOT)}
@@ -374,7 +443,9 @@ def test(
     if build.returncode:
         print(build.stdout[-4000:], build.stderr[-1000:], "the C++ tests do not compile", sep="\n", file=sys.stderr)
         raise typer.Exit(1)
-    cpp = subprocess.run(["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment).returncode
+    cpp = subprocess.run(
+        ["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment
+    ).returncode
     # -I: a submission's numpy.py in the working folder must never be imported by us.
     command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
     command += [] if slow else ["-m", "not slow and not oracle"]
@@ -401,5 +472,3 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
-
-

@@ -36,7 +36,10 @@ def examine() -> list[Finding]:
     working = [name for name, way in ways.items() if not isinstance(way, str)]
     for name, way in ways.items():
         if isinstance(way, str):
-            how = {"osmesa": "install libosmesa6 (Mesa before 25.1), or leave it: egl serves", "egl": "install libegl1, libgl1 and libgl1-mesa-dri"}
+            how = {
+                "osmesa": "install libosmesa6 (Mesa before 25.1), or leave it: egl serves",
+                "egl": "install libegl1, libgl1 and libgl1-mesa-dri",
+            }
             out.append(Finding(f"OpenGL through {name}", "note" if working else "bad", way, how[name]))
         else:
             out.append(Finding(f"OpenGL through {name}", "ok", f"{way.info['GL_RENDERER']}, {way.info['GL_VERSION']}"))
@@ -44,7 +47,9 @@ def examine() -> list[Finding]:
     if working:
         context = create_context()
         other = {"osmesa": "it needs no display and no EGL device", "egl": "libOSMesa is absent (Mesa 25.1 removed it)"}
-        out.append(Finding("OpenGL in use", "ok", f"{describe(context)}; {other[context.extra]} (SHADELAB_GL forces one)"))
+        out.append(
+            Finding("OpenGL in use", "ok", f"{describe(context)}; {other[context.extra]} (SHADELAB_GL forces one)")
+        )
 
     for name in assignment_names():
         assignment = load_assignment(SOLUTION / name)
@@ -52,7 +57,12 @@ def examine() -> list[Finding]:
         if lacking:
             says = "; ".join(f"{scene.name} needs {mesh.name}" for scene, mesh in lacking)
             out.append(
-                Finding(f"meshes of {name}", "note", f"{says}; those scenes are skipped", "run: python3 scenes/make_meshes.py --scan (needs apt-get and a network)")
+                Finding(
+                    f"meshes of {name}",
+                    "note",
+                    f"{says}; those scenes are skipped",
+                    "run: python3 scenes/make_meshes.py --scan (needs apt-get and a network)",
+                )
             )
         else:
             out.append(Finding(f"meshes of {name}", "ok", "all there"))

@@ -176,7 +176,9 @@ class GlslRunner:
             progress.read()
             if progress.gl is None:
                 last = outcome.stderr.strip().splitlines()
-                raise InfrastructureError("the OpenGL client did not start: " + (last[-1] if last else outcome.explain(Limits())))
+                raise InfrastructureError(
+                    "the OpenGL client did not start: " + (last[-1] if last else outcome.explain(Limits()))
+                )
             self.gl = progress.gl
             for index in range(progress.ended):
                 yield first + index, self._output(jobs[first + index], progress.results[index])

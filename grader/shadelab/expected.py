@@ -73,7 +73,11 @@ class Expected:
 def missing_meshes(scene: Scene) -> list[Path]:
     """Meshes that the scene names and this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
     objects = read_toml(scene.file).get("object", [])
-    meshes = [(scene.file.parent / o["mesh"]).resolve() for o in objects if isinstance(o, dict) and isinstance(o.get("mesh"), str)]
+    meshes = [
+        (scene.file.parent / o["mesh"]).resolve()
+        for o in objects
+        if isinstance(o, dict) and isinstance(o.get("mesh"), str)
+    ]
     return [mesh for mesh in dict.fromkeys(meshes) if not mesh.exists()]
 
 
@@ -137,7 +141,9 @@ def load(assignment: Assignment, progress: Callable[[str], None] = lambda _: Non
 def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) -> None:
     progress(f"reference {assignment.name}: building the solution in double")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(prefix="making-", dir=folder.parent))  # its own: two runs may make the same data at once
+    scratch = Path(
+        tempfile.mkdtemp(prefix="making-", dir=folder.parent)
+    )  # its own: two runs may make the same data at once
     sandbox = Sandbox(scratch / "work")
     runner = CppRunner(assignment, sandbox, double=True)
     try:

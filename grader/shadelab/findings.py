@@ -53,7 +53,13 @@ def scaled_error(actual: np.ndarray, truth: np.ndarray, members: list[slice]) ->
 
 
 def judge_function(
-    assignment: Assignment, function: Function, backend: str, points: float, rows: np.ndarray, truth: np.ndarray, actual: np.ndarray
+    assignment: Assignment,
+    function: Function,
+    backend: str,
+    points: float,
+    rows: np.ndarray,
+    truth: np.ndarray,
+    actual: np.ndarray,
 ) -> Check:
     columns = assignment.output_columns(function)
     members = [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
@@ -118,7 +124,9 @@ def _side(assignment: Assignment, function: Function, rows: np.ndarray, bad: np.
         if value.domain.kind == "upper":
             cosine = np.sum(inputs[value.name] * inputs[value.domain.base], axis=1)
             if (bad & (cosine > 0)).sum() == 0:
-                return f"only where {value.name} does not point above the surface ({value.domain.base}.{value.name} <= 0)"
+                return (
+                    f"only where {value.name} does not point above the surface ({value.domain.base}.{value.name} <= 0)"
+                )
     return ""
 
 
@@ -167,20 +175,30 @@ class ImageJudgement:
     limit: np.ndarray  # (H, W, 3): what each pixel of the total may be off
 
 
-def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray, needs: list[str]) -> ImageJudgement:
+def judge_image(
+    scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray, needs: list[str]
+) -> ImageJudgement:
     """layers: (H, W, 13) float32, the CHANNELS up to coverage; the edges come from our own geometry layers."""
     reference, actual = truth.layer("total").astype(np.float64), layers[..., :3].astype(np.float64)
     foreground = truth.layer("id")[..., 0] > 0
     scale = _scale(reference, foreground)
     limit = RELATIVE * np.abs(reference) + ABSOLUTE * scale
     check = Check(
-        id=f"{backend}/image/{scene.name}", kind="image", backend=backend, status="passed", score=points, max_score=points, needs=needs
+        id=f"{backend}/image/{scene.name}",
+        kind="image",
+        backend=backend,
+        status="passed",
+        score=points,
+        max_score=points,
+        needs=needs,
     )
     interior, edge, background = truth.mask == INTERIOR, truth.mask == EDGE, truth.mask == BACKGROUND
     if interior.sum() < 0.5 * foreground.sum():
         # A scene of slivers and edges says nothing about shading: the scene is at fault, not the student.
         check.status, check.score = "error", 0.0
-        check.message = f"the scene leaves only {_share(interior.sum() / max(foreground.sum(), 1))} of its foreground to judge"
+        check.message = (
+            f"the scene leaves only {_share(interior.sum() / max(foreground.sum(), 1))} of its foreground to judge"
+        )
         return ImageJudgement(check, limit)
 
     violates = _violations(actual, reference, limit)
@@ -231,10 +249,15 @@ def _describe_image(
     for term in ("ambient", "diffuse", "specular"):
         reference = truth.layer(term).astype(np.float64)
         limit = RELATIVE * np.abs(reference) + ABSOLUTE * scale
-        term_share = float((_violations(layers[..., CHANNELS[term]].astype(np.float64), reference, limit) & interior).sum() / interior.sum())
+        term_share = float(
+            (_violations(layers[..., CHANNELS[term]].astype(np.float64), reference, limit) & interior).sum()
+            / interior.sum()
+        )
         (wrong if term_share > FULL_MARKS else right).append(term)
     if wrong and right:
-        parts.append(f"{_and(wrong)} {'is' if len(wrong) == 1 else 'are'} wrong, {_and(right)} {'is' if len(right) == 1 else 'are'} right")
+        parts.append(
+            f"{_and(wrong)} {'is' if len(wrong) == 1 else 'are'} wrong, {_and(right)} {'is' if len(right) == 1 else 'are'} right"
+        )
     return "; ".join(parts)
 
 

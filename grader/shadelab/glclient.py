@@ -50,6 +50,11 @@ class Client:
                 raise ShaderError(str(error)) from None
         return self.programs[vertex, fragment]
 
+    def shader(self, main: str, with_student: bool) -> str:
+        return (
+            assemble(self.prelude, self.student, main) if with_student else f"#version 330\n#line {MAIN_LINE}\n{main}"
+        )
+
     # ------------------------------------------------------------------------------------------------- functions
 
     def compile(self) -> None:
@@ -104,7 +109,9 @@ class Client:
         ids, depth = geometry[0][..., 3:], geometry[1][..., 3:]
         centre = header["supersample"] // 2
         layers = np.concatenate([ids, depth, geometry[0][..., :3], geometry[1][..., :3]], axis=2)
-        return np.concatenate([shaded, layers[centre :: header["supersample"], centre :: header["supersample"]]], axis=2)
+        return np.concatenate(
+            [shaded, layers[centre :: header["supersample"], centre :: header["supersample"]]], axis=2
+        )
 
     def pass_over(self, packet: "Packet", which: str, programs: str, clear: list, samples: int) -> list[np.ndarray]:
         """Draws every object into RGBA32F targets, one per clear colour; returns them with row 0 at the top."""
@@ -112,7 +119,9 @@ class Client:
         size = (header["width"], header["height"])
         if samples not in (1, 2, 4):
             raise UserError(f"{samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
-        resolved = context.framebuffer([context.texture(size, 4, dtype="f4") for _ in clear], context.depth_texture(size))
+        resolved = context.framebuffer(
+            [context.texture(size, 4, dtype="f4") for _ in clear], context.depth_texture(size)
+        )
         target = resolved
         if samples > 1:
             target = context.framebuffer(
@@ -128,12 +137,9 @@ class Client:
         set_masks(target, [True] * len(clear))
         for draw in header["draws"]:
             texts = header[programs][draw[which]]
-            student_shader = lambda main: assemble(self.prelude, self.student, main)  # noqa: E731
-            plain_shader = lambda main: f"#version 330\n#line {MAIN_LINE}\n{main}"  # noqa: E731
-            shaded = which == "program"
+            student_in = "" if which != "program" else "vertex" if texts["student_in_vertex"] else "fragment"
             program = self.program(
-                (student_shader if shaded and texts["student_in_vertex"] else plain_shader)(texts["vertex"]),
-                (student_shader if shaded and not texts["student_in_vertex"] else plain_shader)(texts["fragment"]),
+                *(self.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
             )
             for name, value in draw["uniforms"].items():
                 if name in program:  # the compiler drops what a student's function does not read

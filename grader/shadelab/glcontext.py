@@ -104,7 +104,9 @@ def create_context() -> moderngl.Context:
             return context
         except Exception as error:
             failures.append(f"{name}: {error}")
-    raise InfrastructureError("no OpenGL 3.3 without a display (" + "; ".join(failures) + "); ./shadelab doctor says more")
+    raise InfrastructureError(
+        "no OpenGL 3.3 without a display (" + "; ".join(failures) + "); ./shadelab doctor says more"
+    )
 
 
 def describe(context: moderngl.Context) -> str:

@@ -57,7 +57,9 @@ def plan_checks(assignment: Assignment, only: str) -> dict[str, list[Plan]]:
         for scene in assignment.scenes:
             models = {m["model"] for m in read_toml(scene.file).get("material", {}).values()}
             needs = [f"{backend}/function/{f.name}" for f in assignment.functions if f.name in models]
-            plans[backend].append(Plan(f"{backend}/image/{scene.name}", backend, scene.points / 2, scene, [build, *needs]))
+            plans[backend].append(
+                Plan(f"{backend}/image/{scene.name}", backend, scene.points / 2, scene, [build, *needs])
+            )
         plans[backend] = [p for p in plans[backend] if fnmatch(p.id, only)]
     return plans
 
@@ -103,7 +105,9 @@ def grade(
         ]
         for chain in chains:
             chain.result()
-    order = {p.id: k for k, p in enumerate(p for b in BACKENDS for p in [Plan(f"{b}/build", b, 0, None, []), *plans[b]])}
+    order = {
+        p.id: k for k, p in enumerate(p for b in BACKENDS for p in [Plan(f"{b}/build", b, 0, None, []), *plans[b]])
+    }
     result.checks.sort(key=lambda check: order[check.id])
     result.complete = True
     if out is not None:
@@ -167,7 +171,9 @@ def _grade_backend(
         if not isinstance(plan.item, Scene):
             continue
         if missing := missing_meshes(plan.item):
-            check = _skipped(plan, f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)")
+            check = _skipped(
+                plan, f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
+            )
             check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
             record(check)
         elif waiting := [need for need in plan.needs if need in hung]:
@@ -211,7 +217,14 @@ def _kind(plan: Plan) -> str:
 
 def _failed(plan: Plan, kind: str, message: str) -> Check:
     return Check(
-        id=plan.id, kind=kind, backend=plan.backend, status="failed", score=0.0, max_score=plan.points, message=message, needs=plan.needs
+        id=plan.id,
+        kind=kind,
+        backend=plan.backend,
+        status="failed",
+        score=0.0,
+        max_score=plan.points,
+        message=message,
+        needs=plan.needs,
     )
 
 
@@ -257,7 +270,9 @@ def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Pat
             columns = assignment.input_columns(assignment.function(name))
             flat = [float(v) for values in check.worst.inputs.values() for v in values]
             np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
-            check.worst.replay = f"./shadelab eval {shown(submission)} {name} --backend {check.backend} --inputs {shown(file)}"
+            check.worst.replay = (
+                f"./shadelab eval {shown(submission)} {name} --backend {check.backend} --inputs {shown(file)}"
+            )
         else:
             scene = next(s for s in assignment.scenes if s.name == name)
             image = out / f"{check.backend}-{name}.png"
@@ -282,4 +297,10 @@ def environment(expected: Expected) -> dict[str, str]:
                 break
     except OSError:
         pass
-    return {"cpu": cpu, "sandbox": Sandbox.name, "expected": expected.folder.name, "seed_digest": "public", "version": __version__}
+    return {
+        "cpu": cpu,
+        "sandbox": Sandbox.name,
+        "expected": expected.folder.name,
+        "seed_digest": "public",
+        "version": __version__,
+    }

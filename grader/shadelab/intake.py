@@ -12,7 +12,9 @@ MAX_BYTES = 1 << 20
 def take(submission: Path, assignment: Assignment, folder: Path) -> dict[str, str | None]:
     """Copies the named files into `folder`. Returns for each name None, or why it could not be taken."""
     if not submission.is_dir():
-        raise UserError(f"{shown(submission)}: there is no such folder; give the folder that holds {' and '.join(assignment.files)}")
+        raise UserError(
+            f"{shown(submission)}: there is no such folder; give the folder that holds {' and '.join(assignment.files)}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     out: dict[str, str | None] = {}
     for name in assignment.files:

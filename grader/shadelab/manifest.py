@@ -236,7 +236,9 @@ def load_assignment(directory: Path) -> Assignment:
             if value.domain.kind == "struct" and value.domain.type not in structs:
                 raise UserError(f"{shown(file)}: {function.name}.{value.name}: unknown domain {value.domain.type}")
             if value.domain.kind == "upper" and value.domain.base not in names:
-                raise UserError(f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument")
+                raise UserError(
+                    f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument"
+                )
     return assignment
 
 

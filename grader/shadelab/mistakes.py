@@ -1,14 +1,14 @@
 """Declared mistakes and correct variants (solution/NAME/mistakes.toml): other bodies for the functions of the solution.
 
-    [[mistake]]
-    id = "phong-lobe-exponent-forgotten"
-    function = "phong_lobe"
-    hint = "..."                      # leads to the mistake without giving the line away
-    body = '''...'''                  # stands in both languages; cpp and glsl override it
+[[mistake]]
+id = "phong-lobe-exponent-forgotten"
+function = "phong_lobe"
+hint = "..."                      # leads to the mistake without giving the line away
+body = '''...'''                  # stands in both languages; cpp and glsl override it
 
-    [[variant]]                       # correct, written another way: must lose nothing
-    id = "..."
-    bodies = { phong_lobe = '''...''' }
+[[variant]]                       # correct, written another way: must lose nothing
+id = "..."
+bodies = { phong_lobe = '''...''' }
 """
 
 import re
@@ -69,7 +69,9 @@ def load_changes(assignment: Assignment) -> Changes:
     return changes
 
 
-_region = re.compile(r"^(?P<indent> *)// STUDENT BEGIN: (?P<task>.*)\n(?P<body>(?:.*\n)*?) *// STUDENT END: (?P<stub>.*)\n", re.MULTILINE)
+_region = re.compile(
+    r"^(?P<indent> *)// STUDENT BEGIN: (?P<task>.*)\n(?P<body>(?:.*\n)*?) *// STUDENT END: (?P<stub>.*)\n", re.MULTILINE
+)
 
 
 def regions(text: str, file: Path) -> dict[str, re.Match]:

@@ -17,7 +17,9 @@ def starter_files(assignment: Assignment) -> dict[str, bytes]:
         text = source.read_text()
         marked = sorted(regions(text, source).values(), key=lambda m: -m.start())
         if not marked:
-            raise UserError(f"{shown(source)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write")
+            raise UserError(
+                f"{shown(source)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write"
+            )
         for match in marked:
             indent = match["indent"]
             stub = f"{indent}// TODO: {match['task']}\n{indent}{match['stub']}\n"

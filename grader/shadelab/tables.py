@@ -27,7 +27,12 @@ def make_table(assignment: Assignment, function: Function, seed: int, rows: int 
 
 
 def _draw_values(
-    assignment: Assignment, values: list[Value], prefix: str, rows: int, rng: np.random.Generator, drawn: dict[str, np.ndarray]
+    assignment: Assignment,
+    values: list[Value],
+    prefix: str,
+    rows: int,
+    rng: np.random.Generator,
+    drawn: dict[str, np.ndarray],
 ) -> None:
     # A hemisphere's normal is drawn before the directions that refer to it, wherever it stands in the argument list.
     for value in sorted(values, key=lambda v: v.domain.kind == "upper"):

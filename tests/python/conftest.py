@@ -40,7 +40,9 @@ def grade(shadelab, tmp_path):
 
     def run(folder: Path, only: str = "*", assignment: str = "phong", **environment: str) -> dict:
         out = tmp_path / "out"
-        done = shadelab("grade", folder, "--assignment", assignment, "--only", only, "--out", out, "--json", "-", **environment)
+        done = shadelab(
+            "grade", folder, "--assignment", assignment, "--only", only, "--out", out, "--json", "-", **environment
+        )
         assert done.code == 0, done.stderr
         result = json.loads(done.stdout)
         result["by_id"] = {check["id"]: check for check in result["checks"]}

@@ -25,7 +25,20 @@ def images(tmp_path_factory):
         key = (scene.name, backend, *options)
         if key not in cache:
             file = folder / ("-".join(map(str, key)) + ".npy")
-            command = [sys.executable, "-I", "-m", "shadelab", "render", scene.file, "--backend", backend, "--layers", "-o", file, *options]
+            command = [
+                sys.executable,
+                "-I",
+                "-m",
+                "shadelab",
+                "render",
+                scene.file,
+                "--backend",
+                backend,
+                "--layers",
+                "-o",
+                file,
+                *options,
+            ]
             subprocess.run(command, check=True, capture_output=True, env=os.environ)
             cache[key] = np.load(file)
         return cache[key]
@@ -109,7 +122,11 @@ def test_packet_is_what_the_header_says(shadelab, tmp_path):
     for draw in header["draws"]:
         indices = np.frombuffer(data, np.uint32, draw["indices"]["count"], draw["indices"]["offset"])
         assert indices.max() < draw["positions"]["count"] == draw["normals"]["count"]
-        normals = np.frombuffer(data, np.float32, 3 * draw["normals"]["count"], draw["normals"]["offset"]).reshape(-1, 3)
+        normals = np.frombuffer(data, np.float32, 3 * draw["normals"]["count"], draw["normals"]["offset"]).reshape(
+            -1, 3
+        )
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
     assert "shadelab_light1_hotspot" in header["draws"][0]["uniforms"]
-    assert not any("mirror_direction(" in p["fragment"] for p in header["programs"])  # nothing of the student's is in it
+    assert not any(
+        "mirror_direction(" in p["fragment"] for p in header["programs"]
+    )  # nothing of the student's is in it

@@ -33,7 +33,11 @@ def test_explain_and_full(shadelab, tmp_path):
     """What is left out changes no pixel."""
     scene = tmp_path / "scene.toml"
     dark = '\n[[light]]\nkind = "spot"\nposition = [1, 1, 1]\ndirection = [0, -1, 0]\nhotspot = 5\nfalloff = 9\nintensity = [0, 0, 0]\n'
-    scene.write_text(SPHERE.read_text().replace("../meshes", str(ROOT / "scenes" / "meshes")).replace("[material", dark + "\n[material"))
+    scene.write_text(
+        SPHERE.read_text()
+        .replace("../meshes", str(ROOT / "scenes" / "meshes"))
+        .replace("[material", dark + "\n[material")
+    )
     options = ["--shading", PHONG, "--size", "96x96"]
     lean = shadelab("render", scene, *options, "--explain", "-o", "lean.npy")
     needed, left_out = lean.stdout.split("left out")
@@ -91,7 +95,12 @@ def test_eval(shadelab, tmp_path, backend):
 
 def test_eval_shows_what_the_student_prints(shadelab, tmp_path, submission):
     region = "    vec3 sum = l + v;"
-    folder = submission(cpp={region: '    std::cout << "sum " << (l + v).y << "\\n";\n' + region, "#include <shadelab/shading.hpp>\n": "#include <shadelab/shading.hpp>\n#include <iostream>\n"})
+    folder = submission(
+        cpp={
+            region: '    std::cout << "sum " << (l + v).y << "\\n";\n' + region,
+            "#include <shadelab/shading.hpp>\n": "#include <shadelab/shading.hpp>\n#include <iostream>\n",
+        }
+    )
     np.savez(tmp_path / "in.npz", l=[[0, 1, 0]], v=[[0, 1, 0]])
     done = shadelab("eval", folder, "half_vector", "--inputs", "in.npz", "--assignment", "phong")
     assert done.stdout.startswith("sum 2\n")

@@ -40,7 +40,12 @@ def test_forgotten_exponent_costs_what_it_touches_in_both_languages(grade, submi
     change = {LOBE_END: LOBE_END.replace("return exp(q * log1p(-x));", "return 1.0 - x;")}
     result = grade(submission(cpp=change, glsl=change))
     touched = {f"{b}/function/{f}" for b in ("cpp", "glsl") for f in ("phong_lobe", "phong")}
-    touched |= {f"{b}/image/{s.stem}" for b in ("cpp", "glsl") for s in (ROOT / "scenes" / "phong").glob("*.toml") if '"phong"' in s.read_text()}
+    touched |= {
+        f"{b}/image/{s.stem}"
+        for b in ("cpp", "glsl")
+        for s in (ROOT / "scenes" / "phong").glob("*.toml")
+        if '"phong"' in s.read_text()
+    }
     present = {c["id"] for c in result["checks"] if c["status"] != "skipped"}
     assert failed(result) == touched & present
     assert "specular is wrong, ambient and diffuse are right" in result["by_id"]["cpp/image/sphere"]["message"]
@@ -69,7 +74,11 @@ def test_syntax_error_is_one_failed_build_with_the_students_line(grade, submissi
     [
         ("return 2.0 * dot(n, l) * n - l;", "return dot(n, l);", ["shading.cpp:", "'vec3'"]),
         ("return 2.0 * dot(n, l) * n - l;", "return 2.0 * dott(n, l) * n - l;", ["shading.cpp:", "dott"]),
-        ("vec3 mirror_direction(vec3 l, vec3 n) {", "vec3 mirror_directions(vec3 l, vec3 n) {", ["mirror_direction", "missing"]),
+        (
+            "vec3 mirror_direction(vec3 l, vec3 n) {",
+            "vec3 mirror_directions(vec3 l, vec3 n) {",
+            ["mirror_direction", "missing"],
+        ),
     ],
 )
 def test_type_errors_are_short_and_in_the_students_words(grade, submission, old, new, words):
@@ -82,7 +91,9 @@ def test_type_errors_are_short_and_in_the_students_words(grade, submission, old,
 
 
 def test_type_errors_in_glsl(grade, submission):
-    build = grade(submission(glsl={"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dott(n, l) * n - l;"}), only="glsl/*")["by_id"]["glsl/build"]
+    build = grade(
+        submission(glsl={"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dott(n, l) * n - l;"}), only="glsl/*"
+    )["by_id"]["glsl/build"]
     assert build["status"] == "failed" and "shading.glsl:" in build["message"] and "dott" in build["message"]
 
 
@@ -90,7 +101,10 @@ def test_missing_file_fails_that_language_only(grade, submission):
     folder = submission()
     (folder / "shading.glsl").rename(folder / "Shading.glsl")
     result = grade(folder, only="*/function/*")
-    assert result["by_id"]["glsl/build"]["message"] == "shading.glsl is missing; it must be called shading.glsl, not Shading.glsl"
+    assert (
+        result["by_id"]["glsl/build"]["message"]
+        == "shading.glsl is missing; it must be called shading.glsl, not Shading.glsl"
+    )
     assert not any(c["status"] == "failed" for c in result["checks"] if c["backend"] == "cpp")
 
 
@@ -121,22 +135,27 @@ def test_endless_loop_in_glsl(grade, submission):
     [
         ("    volatile int* nowhere = nullptr;\n    *nowhere = 1;\n", "SIGSEGV"),
         ("    std::exit(0);\n", "without giving its results"),
-        ("    throw std::runtime_error(\"no\");\n", "SIGABRT"),
+        ('    throw std::runtime_error("no");\n', "SIGABRT"),
         ("    std::string s;\n    while (s.size() >= 0) s += std::string(1 << 26, 'x');\n", "phong_lobe"),
-        ("    while (true) std::cout << \"spam spam spam spam\\n\";\n", "phong_lobe"),
+        ('    while (true) std::cout << "spam spam spam spam\\n";\n', "phong_lobe"),
     ],
     ids=["crash", "exit", "exception", "memory", "printing"],
 )
 def test_a_function_that_misbehaves_costs_its_own_checks(grade, submission, code, words):
     includes = "#include <cstdlib>\n#include <iostream>\n#include <stdexcept>\n#include <string>\n#include <shadelab/shading.hpp>\n"
-    result = grade(submission(cpp={GATE: code + GATE, "#include <shadelab/shading.hpp>\n": includes}), only="cpp/function/*")
+    result = grade(
+        submission(cpp={GATE: code + GATE, "#include <shadelab/shading.hpp>\n": includes}), only="cpp/function/*"
+    )
     assert words in result["by_id"]["cpp/function/phong_lobe"]["message"]
     assert failed(result) == {"cpp/function/phong_lobe", "cpp/function/phong"}
     assert len(result["by_id"]["cpp/function/phong_lobe"]["printed"]) <= 4096
 
 
 def test_what_the_code_prints_is_kept(grade, submission):
-    change = {GATE: "    printf(\"lobe\\n\");\n" + GATE, "#include <shadelab/shading.hpp>\n": "#include <stdio.h>\n#include <shadelab/shading.hpp>\n"}
+    change = {
+        GATE: '    printf("lobe\\n");\n' + GATE,
+        "#include <shadelab/shading.hpp>\n": "#include <stdio.h>\n#include <shadelab/shading.hpp>\n",
+    }
     check = grade(submission(cpp=change), only="cpp/function/phong_lobe")["by_id"]["cpp/function/phong_lobe"]
     assert check["status"] == "passed"
     assert check["printed"].startswith("lobe\nlobe\n") and len(check["printed"]) == 4096
@@ -214,11 +233,18 @@ def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
             (tmp_path / "scenes" / "meshes" / mesh.name).symlink_to(mesh)
     manifest = tmp_path / "solution" / "phong" / "assignment.toml"
     text = manifest.read_text()
-    keep = [part for part in text.split("[[scene]]") if not part.strip().startswith("file") or "sphere.toml" in part or "bunny.toml" in part]
+    keep = [
+        part
+        for part in text.split("[[scene]]")
+        if not part.strip().startswith("file") or "sphere.toml" in part or "bunny.toml" in part
+    ]
     manifest.write_text("[[scene]]".join(keep))
     assignment = load_assignment(tmp_path / "solution" / "phong")
     result = grade(assignment, assignment.directory, only="cpp/image/*").result
     status = {check.id: check for check in result.checks}
-    assert status["cpp/image/bunny"].status == "skipped" and "bunny.obj is not on this machine" in status["cpp/image/bunny"].message
+    assert (
+        status["cpp/image/bunny"].status == "skipped"
+        and "bunny.obj is not on this machine" in status["cpp/image/bunny"].message
+    )
     assert status["cpp/image/sphere"].status == "passed"
     assert result.score == result.max_score == 2.0

@@ -65,9 +65,22 @@ def test_every_batch_loop_of_the_solution_vectorises(assignment, tmp_path):
     shutil.copy(assignment.directory / "shading.cpp", tmp_path / "shading.cpp")
     shutil.copy(glue / "glue.cpp", tmp_path / "glue.cpp")
     flags = [flag for flag in plugin_flags(double=False, terms=True) if not flag.startswith("-march")]
-    command = ["g++", *flags, "-march=x86-64-v3", "-fopt-info-vec-optimized", f"-I{ROOT / 'framework/include'}", f"-I{glue}", "glue.cpp", "-o", "p.so"]
+    command = [
+        "g++",
+        *flags,
+        "-march=x86-64-v3",
+        "-fopt-info-vec-optimized",
+        f"-I{ROOT / 'framework/include'}",
+        f"-I{glue}",
+        "glue.cpp",
+        "-o",
+        "p.so",
+    ]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
-    vectorised = {int(m[1]) for m in re.finditer(r"^glue\.cpp:(\d+):\d+: optimized: loop vectorized using 32 byte vectors", said, re.M)}
+    vectorised = {
+        int(m[1])
+        for m in re.finditer(r"^glue\.cpp:(\d+):\d+: optimized: loop vectorized using 32 byte vectors", said, re.M)
+    }
     lines = (tmp_path / "glue.cpp").read_text().splitlines()
     layers = False
     wanted = []

@@ -11,12 +11,12 @@
 namespace shadelab {
 
 struct Features {
-    bool term_layers = false;       ///< ambient, diffuse, specular and coverage beside the total
-    bool geometry_layers = false;   ///< id, depth, normal, position
-    bool gouraud = false;           ///< some object is shaded at its vertices
-    bool per_fragment = false;      ///< some object is shaded at its fragments
-    std::vector<int> lights;        ///< indices of the scene's lights that can add anything
-    std::vector<int> materials;     ///< indices of the materials that an object uses
+    bool term_layers = false;      ///< ambient, diffuse, specular and coverage beside the total
+    bool geometry_layers = false;  ///< id, depth, normal, position
+    bool gouraud = false;          ///< some object is shaded at its vertices
+    bool per_fragment = false;     ///< some object is shaded at its fragments
+    std::vector<int> lights;       ///< indices of the scene's lights that can add anything
+    std::vector<int> materials;    ///< indices of the materials that an object uses
 
     std::vector<std::string> needed, left_out;  ///< one line each, for `render --explain`
 

@@ -26,14 +26,16 @@ std::string glsl_evaluate_main(const Manifest& manifest, const Function& functio
 /// main() of the fragment (or, for Gouraud objects, vertex) shader that shades with `model` under the scene's lights.
 struct ShaderMains {
     std::string vertex, fragment;
-    bool student_in_vertex;  ///< the prelude and the student's file belong to the vertex shader instead of the fragment shader
+    bool
+        student_in_vertex;  ///< the prelude and the student's file belong to the vertex shader instead of the fragment shader
 };
-ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features, const Function& model,
-                             Interpolation interpolation, bool normals_can_cancel);
+ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features,
+                             const Function& model, Interpolation interpolation, bool normals_can_cancel);
 /// The mains of the pass that draws id, depth, normal and position; no student code is in it.
 ShaderMains glsl_geometry_mains(bool normals_can_cancel);
 
 /// Writes shadelab/assignment.hpp, glue.cpp, prelude.glsl and evaluate/FUNCTION.glsl below `out`.
-void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder, const std::filesystem::path& out);
+void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
+                const std::filesystem::path& out);
 
 }  // namespace shadelab

@@ -33,10 +33,10 @@ struct Function {
 struct Manifest {
     std::string name;
     std::filesystem::path directory;
-    std::vector<std::string> files;      ///< what a submission consists of, e.g. shading.cpp and shading.glsl
-    std::vector<Struct> structs;         ///< the framework's own first, then those of given assignments, then this one's
-    std::vector<Function> functions;     ///< this assignment's graded functions
-    std::vector<Manifest> given;         ///< earlier assignments whose solution the student builds on
+    std::vector<std::string> files;   ///< what a submission consists of, e.g. shading.cpp and shading.glsl
+    std::vector<Struct> structs;      ///< the framework's own first, then those of given assignments, then this one's
+    std::vector<Function> functions;  ///< this assignment's graded functions
+    std::vector<Manifest> given;      ///< earlier assignments whose solution the student builds on
 
     const Struct* find_struct(const std::string& type) const;
     const Function* find_model(const std::string& model) const;  ///< among given assignments too

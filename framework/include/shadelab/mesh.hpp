@@ -13,14 +13,14 @@
 namespace shadelab {
 
 struct Mesh {
-    std::vector<glm::vec3> positions;   ///< object space, float32: what both renderers start from
-    std::vector<glm::vec3> normals;     ///< unit, object space, one per position
-    std::vector<uint32_t> indices;      ///< three per triangle
+    std::vector<glm::vec3> positions;  ///< object space, float32: what both renderers start from
+    std::vector<glm::vec3> normals;    ///< unit, object space, one per position
+    std::vector<uint32_t> indices;     ///< three per triangle
 
-    int dropped_triangles = 0;          ///< not finite or without area: counted, never drawn
-    int cancelled_normals = 0;          ///< vertices whose face normals cancel; they got the face normals instead
-    bool opposing_normals = false;      ///< some triangle's vertex normals can interpolate to zero (hazard of sharp edges)
-    std::vector<std::string> notes;     ///< what the loader ignored or replaced, one line each
+    int dropped_triangles = 0;       ///< not finite or without area: counted, never drawn
+    int cancelled_normals = 0;       ///< vertices whose face normals cancel; they got the face normals instead
+    bool opposing_normals = false;   ///< some triangle's vertex normals can interpolate to zero (hazard of sharp edges)
+    std::vector<std::string> notes;  ///< what the loader ignored or replaced, one line each
 
     size_t triangle_count() const { return indices.size() / 3; }
 };

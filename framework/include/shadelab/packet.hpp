@@ -16,7 +16,8 @@ namespace shadelab {
 /// The header: width, height, samples, background, terms and geometry (bool: which layers), prelude, programs[] and geometry_programs[] (vertex, fragment:
 /// main texts; student_in_vertex), draws[] (program, geometry_program, positions, normals, indices: {offset, count}; uniforms: name
 /// -> numbers, matrices by column), lines: the first line numbers of prelude and mains.
-void write_packet(const Scene& scene, const Manifest& manifest, const Features& features, const std::vector<Mesh>& meshes, int supersample,
-                  const std::filesystem::path& include_folder, const std::filesystem::path& file);
+void write_packet(const Scene& scene, const Manifest& manifest, const Features& features,
+                  const std::vector<Mesh>& meshes, int supersample, const std::filesystem::path& include_folder,
+                  const std::filesystem::path& file);
 
 }  // namespace shadelab

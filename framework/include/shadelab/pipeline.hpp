@@ -38,10 +38,12 @@ inline constexpr uint32_t no_triangle = 0xffffffff;
 template <class Real>
 struct VertexStream {
     std::vector<glm::vec4> clip;
-    std::vector<glm::vec<4, Real>> homogeneous;  ///< clip position for interpolation: x and y scaled to pixels, then z, w
-    std::vector<glm::vec<3, Real>> position;     ///< world
-    std::vector<glm::vec<3, Real>> normal;       ///< unit, world
-    std::vector<std::array<Real, 12>> colour;    ///< Gouraud objects only: total, ambient, diffuse, specular at the vertex
+    std::vector<glm::vec<4, Real>>
+        homogeneous;                          ///< clip position for interpolation: x and y scaled to pixels, then z, w
+    std::vector<glm::vec<3, Real>> position;  ///< world
+    std::vector<glm::vec<3, Real>> normal;    ///< unit, world
+    std::vector<std::array<Real, 12>>
+        colour;  ///< Gouraud objects only: total, ambient, diffuse, specular at the vertex
 };
 
 /// After stage 2. x and y in 1/256 pixel, relative to the centre of the bottom-left pixel; z is window depth.
@@ -66,8 +68,8 @@ template <class Real>
 struct FragmentBatch {
     static constexpr int capacity = 1024;
     int count = 0;
-    int pixel[capacity];          ///< index into the film
-    float weight[capacity];       ///< share of the pixel's samples that it covers
+    int pixel[capacity];     ///< index into the film
+    float weight[capacity];  ///< share of the pixel's samples that it covers
     uint32_t triangle[capacity];
     alignas(64) Real in[9][capacity];    ///< n.xyz, x.xyz, v.xyz
     alignas(64) Real out[12][capacity];  ///< total, ambient, diffuse, specular
@@ -78,7 +80,8 @@ const std::vector<glm::ivec2>& sample_positions(int samples);
 
 /// Clips against near, far and a guard band (beyond it the fixed-point grid ends) and projects; 0 to 7 triangles.
 /// Exposed for tests; draw() calls it for the few triangles that need it.
-void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t triangle, std::vector<ScreenTriangle>& out);
+void clip_and_project(const glm::vec4 clip[3], int width, int height, uint32_t triangle,
+                      std::vector<ScreenTriangle>& out);
 /// The projection alone, for a vertex inside the frustum.
 ScreenVertex project(glm::vec4 clip, int width, int height);
 /// Stage 4 for one triangle; `origin` is the tile's bottom-left pixel.
@@ -93,8 +96,8 @@ struct NotFinite {
 
 struct DrawStatistics {
     int64_t triangles = 0, clipped_triangles = 0, not_finite_vertices = 0;
-    int64_t fragments = 0;            ///< shaded
-    int64_t fallback_normals = 0;     ///< interpolated normals that cancelled and became the face normal
+    int64_t fragments = 0;         ///< shaded
+    int64_t fallback_normals = 0;  ///< interpolated normals that cancelled and became the face normal
     int64_t not_finite_pixels = 0;
     std::optional<NotFinite> first_not_finite;
     double vertex_ms = 0, bin_ms = 0, tile_ms = 0;

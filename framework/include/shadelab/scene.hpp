@@ -18,13 +18,13 @@ enum class Interpolation { phong, gouraud };
 
 struct FilmSettings {
     int width = 512, height = 512;
-    int samples = 1;              ///< coverage and depth samples per pixel; shading stays once per pixel and triangle
-    glm::dvec3 background{0};     ///< linear RGB
+    int samples = 1;           ///< coverage and depth samples per pixel; shading stays once per pixel and triangle
+    glm::dvec3 background{0};  ///< linear RGB
 };
 
 struct Camera {
     glm::dvec3 eye, target, up;
-    double fov_y;                 ///< radians
+    double fov_y;  ///< radians
     double near, far;
 
     glm::dmat4 world_to_clip(double aspect) const;
@@ -34,7 +34,7 @@ struct Light {
     LightKind kind;
     glm::dvec3 position{0}, direction{0, -1, 0};  ///< direction: unit, the way the light travels
     glm::dvec3 intensity{0}, attenuation{1, 0, 0};
-    double hotspot = 0, falloff = 0;              ///< half-angles, radians
+    double hotspot = 0, falloff = 0;  ///< half-angles, radians
 
     /// The members in the order of the Light struct of interface.toml, as plugins and shaders take them.
     std::vector<double> flatten() const;
@@ -47,11 +47,11 @@ struct Material {
 
 struct Object {
     std::filesystem::path mesh;
-    std::string mesh_where;          ///< "file:line: object[0].mesh", for errors about the mesh file
+    std::string mesh_where;  ///< "file:line: object[0].mesh", for errors about the mesh file
     int material;
     Normals normals = Normals::smooth;
     Interpolation interpolation = Interpolation::phong;
-    glm::dmat4 to_world{1};          ///< translate * rotate * scale
+    glm::dmat4 to_world{1};  ///< translate * rotate * scale
 };
 
 struct Scene {

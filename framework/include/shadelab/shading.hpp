@@ -218,10 +218,9 @@ SHADELAB_INLINE gen::Mixed<A> sign(A a) {
 
 template <glm::length_t L>
 SHADELAB_INLINE gen::vec<L> sign(const gen::vec<L>& v) {
-    return gen::each(
-        v, [](Real x) __attribute__((always_inline)) {
-            return static_cast<Real>(x > Real(0)) - static_cast<Real>(x < Real(0));
-        });
+    return gen::each(v, [](Real x) __attribute__((always_inline)) {
+        return static_cast<Real>(x > Real(0)) - static_cast<Real>(x < Real(0));
+    });
 }
 
 // ---- functions of several numbers --------------------------------------------------------------------------------
@@ -323,8 +322,8 @@ SHADELAB_INLINE gen::vec<L> mod(const gen::vec<L>& a, B b) {
 }
 
 template <glm::length_t L, gen::Number A, gen::Number B>
-requires(gen::OtherNumber<A> || gen::OtherNumber<B>) SHADELAB_INLINE gen::vec<L> clamp(const gen::vec<L>& v, A low,
-                                                                                       B high) {
+    requires(gen::OtherNumber<A> || gen::OtherNumber<B>)
+SHADELAB_INLINE gen::vec<L> clamp(const gen::vec<L>& v, A low, B high) {
     return glm::clamp(v, static_cast<Real>(low), static_cast<Real>(high));
 }
 
@@ -340,8 +339,8 @@ SHADELAB_INLINE gen::vec<L> step(A edge, const gen::vec<L>& v) {
 }
 
 template <glm::length_t L, gen::Number A, gen::Number B>
-requires(gen::OtherNumber<A> || gen::OtherNumber<B>) SHADELAB_INLINE gen::vec<L> smoothstep(A edge0, B edge1,
-                                                                                            const gen::vec<L>& v) {
+    requires(gen::OtherNumber<A> || gen::OtherNumber<B>)
+SHADELAB_INLINE gen::vec<L> smoothstep(A edge0, B edge1, const gen::vec<L>& v) {
     return glm::smoothstep(static_cast<Real>(edge0), static_cast<Real>(edge1), v);
 }
 

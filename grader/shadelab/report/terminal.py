@@ -185,7 +185,9 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
     say(first_step(result)[0])
     width = console.width - 2
-    replayed: set[str] = set()  # kinds whose replay line was shown once: the others read alike, and the HTML report has them
+    replayed: set[str] = (
+        set()
+    )  # kinds whose replay line was shown once: the others read alike, and the HTML report has them
     for group in _alike(in_order(result, "failed", "error")):
         check, backends = group[0], " and ".join(BACKENDS[c.backend] for c in group)
         possible = sum(c.max_score for c in group)
@@ -220,7 +222,12 @@ def _alike(checks: list[Check]) -> list[list[Check]]:
     groups: list[list[Check]] = []
     for check in checks:
         last = groups[-1][0] if groups else None
-        if last and (last.kind, label(last), last.status, last.message) == (check.kind, label(check), check.status, check.message):
+        if last and (last.kind, label(last), last.status, last.message) == (
+            check.kind,
+            label(check),
+            check.status,
+            check.message,
+        ):
             groups[-1].append(check)
         else:
             groups.append([check])
