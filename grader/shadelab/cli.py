@@ -120,7 +120,12 @@ def _assignment_of_scene(scene: Path, shading: Path | None):
     from shadelab.manifest import assignment_names, find_assignment, load_assignment, read_toml
 
     if shading is not None:
-        return find_assignment(shading, None)
+        try:
+            return find_assignment(shading, None)
+        except UserError:
+            if not shading.is_dir():
+                raise UserError(f"{shown(shading)}: there is no such folder") from None
+            # A folder of any name: the scene tells the assignment.
     names = assignment_names()
     models = {m.get("model") for m in read_toml(scene).get("material", {}).values() if isinstance(m, dict)}
     candidates = [scene.resolve().parent.name] if scene.resolve().parent.name in names else names

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+import shlex
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,11 +15,11 @@ import numpy as np
 from shadelab import __version__, intake
 from shadelab import expected as expected_data
 from shadelab.build import BuildError
-from shadelab.errors import InfrastructureError
+from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes
 from shadelab.findings import judge_function, judge_image
-from shadelab.manifest import Assignment, Function, Scene, named_arrays, read_toml
+from shadelab.manifest import Assignment, Function, Scene, find_assignment, named_arrays, read_toml
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
 from shadelab.result import Check, Result
@@ -259,24 +260,36 @@ def _vector(values: list) -> str:
 
 def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Path, out: Path) -> None:
     """Beside the reports: for each failed function check its worst input, and the line that replays it."""
+    try:
+        find_assignment(submission, None)
+        named = []
+    except UserError:  # a folder whose name and content do not tell
+        named = ["--assignment", assignment.name]
     for check in grading.result.checks:
         if check.worst is None:
             continue
         name = check.id.split("/")[-1]
         if check.kind == "function":
-            folder = out / "worst"
-            folder.mkdir(exist_ok=True)
-            file = folder / f"{check.backend}-{name}.npz"
+            (out / "worst").mkdir(exist_ok=True)
+            file = out / "worst" / f"{check.backend}-{name}.npz"
             columns = assignment.input_columns(assignment.function(name))
             flat = [float(v) for values in check.worst.inputs.values() for v in values]
             np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
-            check.worst.replay = (
-                f"./shadelab eval {shown(submission)} {name} --backend {check.backend} --inputs {shown(file)}"
-            )
+            command = ["eval", shown(submission), name, "--backend", check.backend, "--inputs", shown(file), *named]
         else:
             scene = next(s for s in assignment.scenes if s.name == name)
-            image = out / f"{check.backend}-{name}.png"
-            check.worst.replay = f"./shadelab render {shown(scene.file)} --shading {shown(submission)} --backend {check.backend} -o {shown(image)}"
+            image = shown(out / f"{check.backend}-{name}.png")
+            command = [
+                "render",
+                shown(scene.file),
+                "--shading",
+                shown(submission),
+                "--backend",
+                check.backend,
+                "-o",
+                image,
+            ]
+        check.worst.replay = shlex.join(["./shadelab", *command])
     grading.result.write(out / "result.json")
 
 

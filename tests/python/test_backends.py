@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from conftest import ROOT
 from shadelab.expected import CHANNELS, load, missing_meshes
 from shadelab.findings import ABSOLUTE, RELATIVE

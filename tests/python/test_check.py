@@ -1,6 +1,7 @@
 """check must notice when the grader misses something, in both directions."""
 
 import pytest
+
 from conftest import ROOT
 from shadelab.check import _judge, involved
 from shadelab.errors import UserError

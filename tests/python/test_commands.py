@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+
 from conftest import ROOT
 from shadelab import expected
 from shadelab.manifest import load_assignment

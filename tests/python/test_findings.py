@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from conftest import ROOT
 from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, scene_mask
 from shadelab.findings import EDGE_CAP, FULL_MARKS, interior_score, judge_function, judge_image

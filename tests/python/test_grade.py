@@ -1,10 +1,12 @@
 """Grading end to end: marks, messages, and what hostile or broken submissions cost."""
 
 import json
+import shlex
 import shutil
 import time
 
 import pytest
+
 from conftest import ROOT
 
 GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."
@@ -248,3 +250,19 @@ def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
     )
     assert status["cpp/image/sphere"].status == "passed"
     assert result.score == result.max_score == 2.0
+
+
+def test_replay_lines_replay(grade, submission, shadelab, tmp_path):
+    """What a report tells a student to type works, and shows the value that the report shows."""
+    change = {"m.ks * phong_lobe(n, l, v, m.q)": "m.ks + phong_lobe(n, l, v, m.q)"}
+    result = grade(submission(cpp=change), only="cpp/*/[ps][hp]*")
+    for id in ("cpp/function/phong", "cpp/image/sphere"):
+        replay = shlex.split(result["by_id"][id]["worst"]["replay"])
+        assert replay[0] == "./shadelab"
+        done = shadelab(*replay[1:])
+        assert done.code == 0, done.stderr
+        if id == "cpp/function/phong":
+            actual = result["by_id"][id]["worst"]["actual"][0]["specular"]
+            assert f"result.specular = ({actual[0]:.7g}, " in done.stdout
+        else:
+            assert (tmp_path / "out" / "cpp-sphere.png").exists()

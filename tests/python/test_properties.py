@@ -5,10 +5,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import ROOT
 from shadelab.manifest import flat_rows, load_assignment, named_arrays
 from shadelab.paths import RENDER
 

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 from rich.cells import cell_len
 from rich.console import Console
+
 from shadelab.report import html, terminal
 from shadelab.report.html import Pictures, write_html
 from shadelab.report.terminal import plain, print_result

@@ -6,8 +6,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from mpmath import mpf
+
+from conftest import ROOT
 from shadelab import exact
 from shadelab.build import glue_folder, plugin_flags
 from shadelab.expected import load
