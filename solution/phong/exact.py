@@ -4,6 +4,7 @@ n, l, v are unit vectors to 50 digits. Structs are dicts of their members.
 """
 
 from mpmath import mpf
+
 from shadelab.exact import add, dot, normalize, scale, vector
 
 
