@@ -27,7 +27,9 @@ Film::Film(int width, int height, const Features& features, glm::dvec3 backgroun
         layers.push_back({name, channels, std::vector<float>(pixels * channels, 0.0f)});
     };
     add("total", 3);
-    for (size_t i = 0; i < pixels * 3; ++i) layers[0].data[i] = float(background[int(i % 3)]);
+    const glm::vec3 colour(background);
+    if (colour != glm::vec3(0))
+        for (size_t i = 0; i < pixels; ++i) std::copy(&colour.x, &colour.x + 3, layers[0].pixel(i));
     if (features.term_layers) {
         for (const char* name : {"ambient", "diffuse", "specular"}) add(name, 3);
         add("coverage", 1);

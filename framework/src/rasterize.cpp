@@ -86,24 +86,27 @@ inline int set_edge(const ScreenVertex& u, const ScreenVertex& v, glm::ivec2 ori
     const double dzdy_sub = (z20 * (v1.x - v0.x) - z10 * (v2.x - v0.x)) * scale;
     const float dzdx = float(dzdx_sub * subpixels);
     const float z_min = std::min({v0.z, v1.z, v2.z}), z_max = std::max({v0.z, v1.z, v2.z});
+    // Whole groups of eight pixels, and the compiler can see it: no loop for the rest. Pixels beyond the bounding box fail an
+    // edge; the tile is a multiple of eight wide.
+    const int width = (x1 - x0 + 8) & ~7;
+    const uint32_t number = t.triangle;  // a copy: the ids that are written could otherwise alias it
     const double start_x = double((origin.x + x0) * subpixels + sample.x - v0.x);
 
     for (int y = y0; y <= y1; ++y) {
         const float z_row =
             float(v0.z + dzdx_sub * start_x + dzdy_sub * double((origin.y + y) * subpixels + sample.y - v0.y));
-        const int32_t r0 = e0.c + e0.b * y, r1 = e1.c + e1.b * y, r2 = e2.c + e2.b * y;
-        for (int x = x0; x <= x1; x += 8) {
-            float* __restrict z_at = depth + y * tile_size + x;
-            uint32_t* __restrict id_at = triangle + y * tile_size + x;
-            for (int k = 0; k < 8; ++k) {
-                const int32_t outside = (r0 + e0.a * (x + k)) | (r1 + e1.a * (x + k)) | (r2 + e2.a * (x + k));
-                float z = z_row + dzdx * float(x - x0 + k);
-                z = z < z_min ? z_min : z;  // slivers: the plane may leave the triangle's own range by rounding
-                z = z > z_max ? z_max : z;
-                const bool nearer = (outside >= 0) & (z < z_at[k]);
-                z_at[k] = nearer ? z : z_at[k];
-                id_at[k] = nearer ? t.triangle : id_at[k];
-            }
+        const int32_t r0 = e0.c + e0.b * y + e0.a * x0, r1 = e1.c + e1.b * y + e1.a * x0,
+                      r2 = e2.c + e2.b * y + e2.a * x0;
+        float* z_at = depth + y * tile_size + x0;
+        uint32_t* id_at = triangle + y * tile_size + x0;
+        for (int i = 0; i < width; ++i) {
+            const int32_t outside = (r0 + e0.a * i) | (r1 + e1.a * i) | (r2 + e2.a * i);
+            float z = z_row + dzdx * float(i);
+            z = z < z_min ? z_min : z;  // slivers: the plane may leave the triangle's own range by rounding
+            z = z > z_max ? z_max : z;
+            const bool nearer = (outside >= 0) & (z < z_at[i]);
+            z_at[i] = nearer ? z : z_at[i];
+            id_at[i] = nearer ? number : id_at[i];
         }
     }
 }
