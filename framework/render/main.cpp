@@ -64,10 +64,11 @@ LoadedScene load(const Options& options) {
         loaded.meshes.push_back(cache.at(key));
     }
     bool can_cancel = false;
-    for (const Mesh& mesh : loaded.meshes) can_cancel |= mesh.opposing_normals;
+    for (size_t i = 0; i < loaded.meshes.size(); ++i)
+        can_cancel |= normals_can_cancel(loaded.meshes[i], loaded.scene.objects[i].to_world);
     (can_cancel ? loaded.features.needed : loaded.features.left_out)
         .push_back(std::string("fallback for normals that cancel: ") +
-                   (can_cancel ? "some triangle's vertex normals oppose" : "no triangle's vertex normals oppose"));
+                   (can_cancel ? "a triangle's vertex normals may oppose" : "no triangle's vertex normals can oppose"));
     return loaded;
 }
 

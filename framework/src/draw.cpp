@@ -77,11 +77,7 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
     const glm::mat<4, 4, Real> world_matrix(object.to_world);
     const glm::mat<3, 3, Real> normal_matrix(glm::transpose(glm::inverse(linear)));
     drawn.orientation = Real(glm::determinant(linear) < 0 ? -1 : 1);
-    // A transform that changes angles can turn harmless normals into opposing ones; then the cheap test is not trusted.
-    const glm::dmat3 gram = glm::transpose(linear) * linear;
-    const double off = std::abs(gram[0][1]) + std::abs(gram[0][2]) + std::abs(gram[1][2]) +
-                       std::abs(gram[0][0] - gram[1][1]) + std::abs(gram[0][0] - gram[2][2]);
-    drawn.normals_can_cancel = mesh.opposing_normals || off > 1e-9 * gram[0][0];
+    drawn.normals_can_cancel = normals_can_cancel(mesh, object.to_world);
 
     const int count = int(mesh.positions.size());
     VertexStream<Real>& out = drawn.vertices;

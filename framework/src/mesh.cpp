@@ -252,4 +252,12 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
     return mesh;
 }
 
+bool normals_can_cancel(const Mesh& mesh, const glm::dmat4& to_world) {
+    // A transform that changes angles can turn harmless normals into opposing ones.
+    const glm::dmat3 linear(to_world), gram = glm::transpose(linear) * linear;
+    const double off = std::abs(gram[0][1]) + std::abs(gram[0][2]) + std::abs(gram[1][2]) +
+                       std::abs(gram[0][0] - gram[1][1]) + std::abs(gram[0][0] - gram[2][2]);
+    return mesh.opposing_normals || off > 1e-9 * gram[0][0];
+}
+
 }  // namespace shadelab

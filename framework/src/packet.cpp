@@ -89,7 +89,7 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
                 column += count;
             }
         }
-        const bool can_cancel = meshes[i].opposing_normals;
+        const bool can_cancel = normals_can_cancel(meshes[i], object.to_world);
         toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model,
                                                                               object.interpolation, can_cancel))}};
         if (features.geometry_layers)

@@ -131,3 +131,28 @@ def test_packet_is_what_the_header_says(shadelab, tmp_path):
     assert not any(
         "mirror_direction(" in p["fragment"] for p in header["programs"]
     )  # nothing of the student's is in it
+
+
+@pytest.mark.parametrize("backend", ["cpp", "glsl"])
+def test_normals_that_cancel_become_the_face_normal(shadelab, tmp_path, backend):
+    """A square whose normals point up at the top and down at the bottom: along its middle row they cancel exactly."""
+    corners = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvn 0 -1 0\nvn 0 1 0\n"
+    (tmp_path / "square.obj").write_text(corners + "f 1//1 2//1 3//2\nf 1//1 3//2 4//2\n")
+    scene = (
+        "[film]\nwidth = 33\nheight = 33\n[camera]\neye = [0, 0, 3]\ntarget = [0, 0, 0]\nnear = 1\nfar = 9\n"
+        '[material.m]\nmodel = "phong"\nka = [0, 0, 0]\nkd = [1, 1, 1]\nks = [0, 0, 0]\nq = 1\n'
+        '[[object]]\nmesh = "square.obj"\nmaterial = "m"\nnormals = "file"\n'
+    )
+    (tmp_path / "scene.toml").write_text(scene)
+    options = ["--shading", PHONG.directory, "--backend", backend, "--layers", "-o", "out.npy"]
+    done = shadelab("render", "scene.toml", *options)
+    assert done.code == 0, done.stderr
+    layers = np.load(tmp_path / "out.npy")
+    normal = layers[..., CHANNELS["normal"]]
+    inside = layers[16, :, CHANNELS["id"]][..., 0] == 1
+    assert inside.sum() > 20
+    np.testing.assert_allclose(normal[16, inside], np.tile([0, 0, 1], (inside.sum(), 1)), atol=1e-6)
+    np.testing.assert_allclose(normal[8, 16], [0, 1, 0], atol=1e-6)
+    np.testing.assert_allclose(normal[24, 16], [0, -1, 0], atol=1e-6)
+    if backend == "cpp":
+        assert "vertex normals cancel; the face normal is used" in done.stderr

@@ -35,4 +35,8 @@ struct Mesh {
 /// Throws InputError (`where` says who asked for the file, for the message when it is absent).
 Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::string& where = "");
 
+/// Whether an interpolated normal of this mesh, so transformed, can come near zero, and the renderers need the fallback to the
+/// face normal. False only where it is certain.
+bool normals_can_cancel(const Mesh& mesh, const glm::dmat4& to_world);
+
 }  // namespace shadelab
