@@ -103,7 +103,7 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
         << ", \"not_finite_vertices\": " << s.not_finite_vertices << ", \"fragments\": " << s.fragments
         << ", \"fallback_normals\": " << s.fallback_normals << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms
         << ", \"bins\": " << s.bin_ms << ", \"tiles\": " << s.tile_ms
-        << "}, \"not_finite_pixels\": " << s.not_finite_pixels;
+        << "}, \"not_finite_fragments\": " << s.not_finite_fragments;
     if (s.first_not_finite) {
         const NotFinite& f = *s.first_not_finite;
         out << ", \"first_not_finite\": {\"x\": " << f.x << ", \"y\": " << f.y << ", \"material\": \"" << f.material
@@ -127,7 +127,7 @@ void report(const DrawStatistics& s) {
     std::fprintf(stderr,
                  "warning: %lld fragments are not finite. The first stands at pixel (%d, %d), material %s (%s):\n"
                  "  n = (%.9g, %.9g, %.9g), x = (%.9g, %.9g, %.9g), v = (%.9g, %.9g, %.9g) -> (%g, %g, %g)\n",
-                 static_cast<long long>(s.not_finite_pixels), f.x, f.y, f.material.c_str(), f.model.c_str(), f.n.x,
+                 static_cast<long long>(s.not_finite_fragments), f.x, f.y, f.material.c_str(), f.model.c_str(), f.n.x,
                  f.n.y, f.n.z, f.position.x, f.position.y, f.position.z, f.v.x, f.v.y, f.v.z, f.value.x, f.value.y,
                  f.value.z);
 }
@@ -254,7 +254,13 @@ int main(int argc, char** argv) {
     evaluation->add_option("input", options.input, "rows: float32 (float64 for a double plugin), columns as declared")
         ->required();
     evaluation->add_option("output", options.output, "result rows, the same type")->required();
-    CLI11_PARSE(app, argc, argv);
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& error) {
+        if (error.get_exit_code() == 0) return app.exit(error);  // --help
+        std::cerr << error.what() << "\n";
+        return 2;
+    }
 
     if (options.threads) omp_set_num_threads(options.threads);
     try {

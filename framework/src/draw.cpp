@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <memory>
 
 namespace shadelab {
 
@@ -299,7 +300,6 @@ void interpolate(const Frame<Real>& frame, const DrawnObject<Real>& object, cons
         const vec3 weights = corner_weights(object, corner, fragment.x, fragment.y);
         batch.pixel[i] = (frame.film.height - 1 - fragment.y) * frame.film.width + fragment.x;
         batch.weight[i] = fragment.weight;
-        batch.triangle[i] = fragment.triangle;
         const vec3 n = fragment_normal(object, corner, weights, fallbacks);
         const vec3 x = weights.x * vertices.position[corner[0]] + weights.y * vertices.position[corner[1]] +
                        weights.z * vertices.position[corner[2]];
@@ -333,7 +333,7 @@ void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, co
                 total[c] += batch.weight[i] * (float(value[c]) - background[c]);
         }
         if (!(std::isfinite(value.x) && std::isfinite(value.y) && std::isfinite(value.z))) {
-            ++statistics.not_finite_pixels;
+            ++statistics.not_finite_fragments;
             const int x = batch.pixel[i] % film.width, y = batch.pixel[i] / film.width;
             if (!statistics.first_not_finite ||
                 std::pair(y, x) < std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x)) {
@@ -392,7 +392,7 @@ void for_each_batch(const Frame<Real>& frame, std::vector<Fragment>& fragments, 
 void merge(DrawStatistics& into, const DrawStatistics& from) {
     into.fragments += from.fragments;
     into.fallback_normals += from.fallback_normals;
-    into.not_finite_pixels += from.not_finite_pixels;
+    into.not_finite_fragments += from.not_finite_fragments;
     const auto& a = from.first_not_finite;
     const auto& b = into.first_not_finite;
     if (a && (!b || std::pair(a->y, a->x) < std::pair(b->y, b->x))) into.first_not_finite = a;

@@ -75,6 +75,13 @@ std::string call_model(const Function& model) {
     return model.name + "(" + join(arguments, ", ") + ")";
 }
 
+/// The function of that name, given or the student's own; a helper of the student's with the same name does not get in the way.
+std::string incident_light(const Manifest& manifest) {
+    for (const Function& function : manifest.functions)
+        if (function.name == "incident_light") return function.name;
+    return "given::incident_light";
+}
+
 void collect_models(const Manifest& manifest, std::vector<Function>& out) {
     for (const Manifest& earlier : manifest.given) collect_models(earlier, out);
     for (const Function& function : manifest.functions)
@@ -97,14 +104,6 @@ std::string cpp_assignment_header(const Manifest& manifest) {
         "shadelab::glsl {\n\n";
     for (const Struct& s : manifest.structs) out += struct_text(s);
     out += "\n}  // namespace shadelab::glsl\n";
-    for (const Manifest& earlier : manifest.given) {
-        // In a namespace of their own, so that a helper of theirs never clashes with one of the student's.
-        out += "\n// Given: the functions of the assignment \"" + earlier.name + "\".\nnamespace given {\n";
-        for (const Function& function : earlier.functions) out += prototype(function);
-        out += "}\nusing namespace given;\n";
-    }
-    out += "\n// What shading.cpp defines.\n";
-    for (const Function& function : manifest.functions) out += prototype(function);
     return out;
 }
 
@@ -116,8 +115,10 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
            "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
            "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n\n";
     for (const Manifest& earlier : manifest.given)
+        // In a namespace of its own: its helpers never clash with the student's.
         out << "namespace given {\n#include \""
-            << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string() << "\"\n}\n";
+            << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
+            << "\"\n}\nusing namespace given;\n";
     out << "#include \"" << student_file << "\"\n\n";
 
     // The arrays are restrict parameters and not members: otherwise the compiler must assume that they overlap.
@@ -147,7 +148,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                     << ";  // a constant: no branch on it stays in the loop\n"
                     << "    for (int i = 0; i < count; ++i) {\n"
                     << "        const vec3 n(nx[i], ny[i], nz[i]), x(xx[i], xy[i], xz[i]), v(vx[i], vy[i], vz[i]);\n"
-                    << "        const Incident incident = incident_light(light, x);\n"
+                    << "        const Incident incident = " << incident_light(manifest)
+                    << "(light, x);\n"
                     // Not const: GCC 12 would leave the whole loop scalar.
                     << "        Terms terms = " << call_model(model) << ";\n";
                 for (const std::string& term : terms)

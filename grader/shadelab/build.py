@@ -11,11 +11,12 @@ from pathlib import Path
 from shadelab.errors import InfrastructureError
 from shadelab.manifest import Assignment
 from shadelab.paths import FRAMEWORK, RENDER, STATE
-from shadelab.sandbox import Limits, Sandbox
+from shadelab.sandbox import Limits, Sandbox, work_folder
 
 COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
 MAX_LINES = 5  # of one error
-PLUGINS_KEPT = 256
+PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hpp); below it are the student's
+PLUGINS_KEPT, GLUE_KEPT = 256, 16
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
 _common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
@@ -62,13 +63,31 @@ def glue_folder(directory: Path) -> Path:
         if source.parent != directory or source.suffix == ".toml":
             digest.update(source.read_bytes())
     folder = STATE / "glue" / f"{directory.name}-{digest.hexdigest()[:16]}"
-    if not (folder / "done").exists():
-        shutil.rmtree(folder, ignore_errors=True)
-        outcome = Sandbox(STATE / "glue").run([str(RENDER), "glue", str(directory), str(folder)])
-        if not outcome.ok:
-            raise InfrastructureError(f"glue: {outcome.stderr.strip() or outcome.explain(Limits())}")
-        (folder / "done").touch()
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with work_folder("glue") as work:
+            outcome = Sandbox(work).run([str(RENDER), "glue", str(directory), str(work / "glue")])
+            if not outcome.ok:
+                raise InfrastructureError(f"glue: {outcome.stderr.strip() or outcome.explain(Limits())}")
+            try:
+                (work / "glue").rename(folder)
+            except OSError:
+                pass  # another run was faster
+        for old in _by_age(folder.parent)[:-GLUE_KEPT]:
+            shutil.rmtree(old, ignore_errors=True)
     return folder
+
+
+def _by_age(folder: Path) -> list[Path]:
+    """Oldest first. Another run may remove some meanwhile."""
+
+    def age(path: Path) -> float:
+        try:
+            return path.stat().st_mtime
+        except OSError:
+            return 0.0
+
+    return sorted(folder.iterdir(), key=age)
 
 
 def plugin_flags(double: bool, terms: bool) -> list[str]:
@@ -97,12 +116,14 @@ def build_plugin(
     command = ["g++", *flags, f"-I{FRAMEWORK / 'include'}", f"-I{glue}", "glue.cpp", "-o", "plugin.so"]
     outcome = sandbox.run(command, COMPILE_LIMITS, cwd=work)
     if not outcome.ok:
-        raise BuildError(readable_errors(outcome.stderr) or f"the compiler {outcome.explain(COMPILE_LIMITS)}")
+        raise BuildError(
+            readable_errors(outcome.stderr, assignment) or f"the compiler {outcome.explain(COMPILE_LIMITS)}"
+        )
     cached.parent.mkdir(parents=True, exist_ok=True)
     temporary = cached.with_suffix(f".{os.getpid()}")
     shutil.copy(work / "plugin.so", temporary)
     os.replace(temporary, cached)
-    for old in sorted(cached.parent.glob("*.so"), key=lambda f: f.stat().st_mtime)[:-PLUGINS_KEPT]:
+    for old in _by_age(cached.parent)[:-PLUGINS_KEPT]:
         old.unlink(missing_ok=True)
     return Plugin(cached, double)
 
@@ -110,7 +131,7 @@ def build_plugin(
 # ------------------------------------------------------------------------------------------------- C++ messages
 
 _located = re.compile(
-    r"^(?P<file>[^\s:][^:]*):(?P<line>\d+):(?P<column>\d+): (?P<kind>fatal error|error|note|warning): (?P<text>.*)$"
+    r"^(?P<file>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<kind>fatal error|error|note|warning): (?P<text>.*)$"
 )
 _required = re.compile(r"^(?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+):\s+required from here")
 _undefined = re.compile(r"(?:undefined reference to|undefined symbol) [`'](?P<name>[^'(]+)")
@@ -128,7 +149,36 @@ def _plain(text: str) -> str:
     return re.sub(r" +", " ", text).strip()
 
 
-def readable_errors(stderr: str) -> str:
+def _declared(assignment: Assignment) -> dict[str, str]:
+    """How each function of the assignment is declared."""
+    types = {name: name for name in assignment.structs}
+    return {
+        f.name: f"{f.returns} {f.name}({', '.join(f'{types.get(v.domain.type, v.domain.type)} {v.name}' for v in f.values)})"
+        for f in assignment.functions
+    }
+
+
+def _behind_the_file(text: str, assignment: Assignment) -> str:
+    """An error in the generated code is about how it calls the student's functions, or about what the file left open."""
+    declared = _declared(assignment)
+    for name, prototype in declared.items():
+        if re.search(rf"\b{name}\b", text):
+            if "not declared" in text:
+                return f"the function {name} is missing; declare it as {prototype}"
+            return f"the framework cannot call {name} ({text}); declare it as {prototype}"
+    return f"{text} (noticed behind the file's end: is a brace, a comment or an #if left open?)"
+
+
+def _name_is_taken(text: str, assignment: Assignment) -> str:
+    """A helper with the name of a given function, called or defined: say so."""
+    for earlier in assignment.given:
+        for function in earlier.functions:
+            if re.search(rf"'{function.name}\b", text) and ("ambiguous" in text or "redefin" in text):
+                return f"{text}: {function.name} is a given function ({earlier.name}); choose another name for yours"
+    return text
+
+
+def readable_errors(stderr: str, assignment: Assignment) -> str:
     """At most MAX_LINES lines for each of the first errors, all in terms of the student's file."""
     lines = stderr.splitlines()
     out: list[str] = []
@@ -143,21 +193,23 @@ def readable_errors(stderr: str) -> str:
         found = _located.match(line)
         if not found or "error" not in found["kind"]:
             continue
-        own = Path(found["file"]).name == "shading.cpp" and "/" not in found["file"].removeprefix("./")
-        where = f"shading.cpp:{found['line']}:{found['column']}" if own else called_from
-        excerpt = []
-        while own and index < len(lines) and re.match(r"^\s+\d* \|", lines[index]) and len(excerpt) < MAX_LINES - 1:
-            excerpt.append(lines[index].rstrip())
-            index += 1
+        text = _plain(found["text"])
+        if Path(found["file"]).name == "shading.cpp" and "/" not in found["file"].removeprefix("./"):
+            excerpt = []
+            while index < len(lines) and re.match(r"^\s+\d* \|", lines[index]) and len(excerpt) < MAX_LINES - 1:
+                excerpt.append(lines[index].rstrip())
+                index += 1
+            place = f"shading.cpp:{found['line']}" + (f":{found['column']}" if found["column"] else "")
+            text = _name_is_taken(text, assignment)
+            out.append("\n".join([f"{place}: {text}", *[e for e in excerpt if e.strip(" |")]]))
+        elif called_from is not None:
+            if not out:  # otherwise a consequence inside the library of what was reported already
+                out.append(f"{called_from}: {text}")
+        elif not out:
+            out.append(f"shading.cpp: {_behind_the_file(text, assignment)}")
         called_from = None
-        if not own and where is not None and out:
-            continue  # a consequence inside the library of what was reported already
-        if where is None:
-            # An error outside of the student's file that names no line of it: a missing or differently declared function.
-            where = "shading.cpp"
-        out.append("\n".join([f"{where}: {_plain(found['text'])}", *[e for e in excerpt if e.strip(" |")]]))
     for name in dict.fromkeys(_plain(m["name"]) for m in _undefined.finditer(stderr)):
-        out.append(f"shading.cpp: the function {name} is missing, or its arguments differ from the declared ones")
+        out.append(f"shading.cpp: {name} is declared and called, but not defined")
     return "\n".join(out[:3])
 
 
@@ -168,7 +220,7 @@ _glsl = re.compile(
 )
 
 
-def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
+def readable_shader_errors(message: str, assignment: Assignment) -> str:
     """The driver's messages with the student's file and line; of lines outside it, what they mean for the student."""
     own: dict[int, str] = {}  # the first message of each line: what follows on it is a consequence
     others = []
@@ -176,7 +228,12 @@ def readable_shader_errors(message: str, prelude_line: int = 1_000_001) -> str:
         found = _glsl.match(line)
         if found and found["kind"] == "error":
             number, text = int(found["line"]), found["text"].removesuffix("; candidates are:").replace("`", "'")
-            if number < prelude_line:
+            text = _name_is_taken(text, assignment)
+            if "'main' redefined" in text:
+                others.append("shading.glsl: remove main: the framework puts its own around your functions")
+            elif number == 0:  # of the shader as a whole
+                others.append(f"shading.glsl: {text}")
+            elif number < PRELUDE_LINE:
                 own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {text}")
             else:
                 others.append(

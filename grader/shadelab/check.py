@@ -1,11 +1,11 @@
-"""check: grades the grader. Every declared mistake must lose points, in exactly the checks that involve its function; every
-correct variant and the solution must lose none; the starter must stay at or below 15 %."""
+"""check: grades the grader. Every declared mistake must lose points, in its function's own check and in none that the function
+has no part in; every correct variant and the solution must lose none; the starter must stay at or below 15 %."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from shadelab.grade import BACKENDS, grade, plan_checks
-from shadelab.manifest import Assignment, Function, read_toml
+from shadelab.manifest import Assignment
 from shadelab.mistakes import Change, callers, load_changes, write_submission
 from shadelab.paths import STARTER
 from shadelab.result import Result
@@ -29,14 +29,10 @@ def involved(assignment: Assignment, functions: set[str]) -> set[str]:
     """The ids of the checks that these functions can make fail: their own, their callers' and their scenes'."""
     affected = callers(assignment, functions)
     out = set()
-    for plans in plan_checks(assignment, "*").values():
+    for plans in plan_checks(assignment).values():
         for plan in plans:
-            if isinstance(plan.item, Function):
-                hit = plan.item.name in affected
-            else:
-                models = {m["model"] for m in read_toml(plan.item.file).get("material", {}).values()}
-                hit = bool(models & affected)
-            if hit:
+            own = plan.kind == "function" and plan.item.name in affected
+            if own or any(model.split("/")[-1] in affected for model in plan.models):
                 out.add(plan.id)
     return out
 

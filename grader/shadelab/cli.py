@@ -7,6 +7,7 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 import os
 import subprocess
 import sys
+import zipfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, Optional
@@ -36,6 +37,7 @@ and grade again. `./shadelab COMMAND --help` explains each command.""",
 )
 
 errors = Console(stderr=True, highlight=False)
+SHOWN = 1 << 20  # bytes of a program's output that render and eval show
 Backend = Literal["cpp", "glsl"]
 
 
@@ -72,7 +74,7 @@ def grade(
         Optional[str], typer.Option("--json", metavar="FILE|-", help="also write result.json here; - is stdout")
     ] = None,
     fail_under: Annotated[
-        Optional[float], typer.Option(metavar="P", help="exit with 1 when the score is under P percent")
+        Optional[float], typer.Option(min=0, max=100, metavar="P", help="exit with 1 when the score is under P percent")
     ] = None,
     only: Annotated[
         str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")
@@ -93,6 +95,8 @@ def grade(
         raise UserError(
             f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}"
         )
+    if json_ and json_ != "-" and not Path(json_).parent.is_dir():
+        raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
     out = out or Path("out") / declared.name
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -103,12 +107,14 @@ def grade(
     write_worst_inputs(declared, grading, directory, out)
     write_html(grading.result, grading.pictures, out / "report.html", declared.title)
     if json_ and json_ != "-":
-        grading.result.write(Path(json_))
+        Path(json_).write_text(grading.result.to_json())
     if json_ == "-":
         print(grading.result.to_json(), end="")
     print_result(grading.result, errors if json_ == "-" else Console(highlight=False), out / "report.html")
     result = grading.result
-    if fail_under is not None and result.score < fail_under / 100 * result.max_score:
+    if any(check.status == "error" for check in result.checks):
+        raise typer.Exit(3)
+    if fail_under is not None and 100 * result.score < fail_under * result.max_score - 1e-6:
         raise typer.Exit(1)
 
 
@@ -127,7 +133,9 @@ def _assignment_of_scene(scene: Path, shading: Path | None):
                 raise UserError(f"{shown(shading)}: there is no such folder") from None
             # A folder of any name: the scene tells the assignment.
     names = assignment_names()
-    models = {m.get("model") for m in read_toml(scene).get("material", {}).values() if isinstance(m, dict)}
+    materials = read_toml(scene).get("material", {})
+    materials = materials.values() if isinstance(materials, dict) else []  # the renderer says what is wrong with it
+    models = {m.get("model") for m in materials if isinstance(m, dict)}
     candidates = [scene.resolve().parent.name] if scene.resolve().parent.name in names else names
     for name in candidates:
         declared = load_assignment(SOLUTION / name)
@@ -159,7 +167,9 @@ def render(
     samples: Annotated[
         Optional[int], typer.Option(help="coverage samples per pixel: 1 2 4 8 16 64 (glsl: 1 2 4)")
     ] = None,
-    supersample: Annotated[Optional[int], typer.Option(help="draw N times larger and average N x N pixels")] = None,
+    supersample: Annotated[
+        Optional[int], typer.Option(min=1, max=64, help="draw N times larger and average N x N pixels")
+    ] = None,
     layers: Annotated[
         bool, typer.Option("--layers", help="write ambient, diffuse, specular, id, depth, normal, position too")
     ] = False,
@@ -171,7 +181,7 @@ def render(
         Optional[Path], typer.Option(metavar="FILE", help="write the frame packet that an OpenGL client draws")
     ] = None,
     exposure: Annotated[float, typer.Option(help="PNG only: brighten by 2^EXPOSURE")] = 0.0,
-    threads: Annotated[Optional[int], typer.Option(help="C++ only: number of threads")] = None,
+    threads: Annotated[Optional[int], typer.Option(min=1, max=256, help="C++ only: number of threads")] = None,
     output: Annotated[
         Optional[Path],
         typer.Option("-o", "--output", metavar="FILE", help=".png, .exr or .npy (default: out/SCENE.png)"),
@@ -185,6 +195,11 @@ def render(
         raise UserError(f"{shown(scene)}: cannot be read; does the file exist? Scenes stand in {shown(SCENES)}")
     if double and backend == "glsl":
         raise UserError("--double: GLSL 330 computes in float only; use --backend cpp")
+    allowed = (1, 2, 4) if backend == "glsl" else (1, 2, 4, 8, 16, 64)
+    if samples is not None and samples not in allowed:
+        raise UserError(
+            f"--samples {samples}: {backend} has {', '.join(map(str, allowed))}; --supersample takes any number"
+        )
     declared = _assignment_of_scene(scene, shading)
     folder = shading or declared.directory
     options = ["--assignment", str(declared.directory)]
@@ -205,7 +220,7 @@ def render(
             print(shown(packet))
             return
         if backend == "cpp":
-            runner = CppRunner(declared, Sandbox(work), double, layers or full)
+            runner = CppRunner(declared, Sandbox(work, SHOWN), double, layers or full)
             _student_build(runner, folder)
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
             if packet:
@@ -227,7 +242,7 @@ def render(
             [(_, drawn)] = gl.run([Draw(Scene(scene.stem, scene, 0), packet_file)])
             if drawn.array is None:
                 raise UserError(f"{shown(scene)}: the render {drawn.failure}")
-            _write_image(drawn.array, output, exposure)
+            _write_image(drawn.array if layers else drawn.array[..., :3], output, exposure)
     print(shown(output))
 
 
@@ -301,12 +316,13 @@ def evaluate(
     wanted = declared.function(function)
     try:
         arrays = dict(np.load(inputs, allow_pickle=False))
-    except (OSError, ValueError):
+        arrays = {name: np.asarray(array, float) for name, array in arrays.items()}
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
         raise UserError(f"{shown(inputs)}: cannot be read as .npz; write it with numpy.savez") from None
     columns = declared.input_columns(wanted)
     rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
     with work_folder("eval") as work:
-        sandbox = Sandbox(work)
+        sandbox = Sandbox(work, SHOWN)
         runner = CppRunner(declared, sandbox, double) if backend == "cpp" else GlslRunner(declared, sandbox)
         _student_build(runner, directory)
         [(_, result)] = runner.run([Evaluate(wanted, rows)])
@@ -397,6 +413,7 @@ def starter(
     verify: Annotated[
         bool, typer.Option("--verify", help="write nothing; exit with 1 when starter/ is out of step")
     ] = False,
+    force: Annotated[bool, typer.Option("--force", help="overwrite changes that are not committed")] = False,
 ) -> None:
     """Generate starter/NAME from solution/NAME: the marked parts become stubs."""
     from shadelab.manifest import assignment_names, find_assignment
@@ -408,7 +425,7 @@ def starter(
         if verify:
             lines += differences(declared)
         else:
-            print(shown(write_starter(declared)))
+            print(shown(write_starter(declared, force)))
     for line in lines:
         print(line)
     if lines:
@@ -462,9 +479,20 @@ def test(
         raise typer.Exit(1)
 
 
+_UsageError = typer.BadParameter.__bases__[0]  # click's class; typer has it from click or carries it itself
+
+
 def main() -> None:
     try:
-        app(standalone_mode=True)
+        sys.exit(app(standalone_mode=False, prog_name="./shadelab") or 0)
+    except typer.Exit as done:
+        sys.exit(done.exit_code)
+    except _UsageError as error:
+        print(" ".join(error.format_message().split()), file=sys.stderr)
+        sys.exit(2)
+    except typer.Abort:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
     except UserError as error:
         print(error, file=sys.stderr)
         sys.exit(2)

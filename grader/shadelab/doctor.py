@@ -1,5 +1,6 @@
 """doctor: what this machine can do, and how to mend what it can't."""
 
+import os
 import platform
 import shutil
 import subprocess
@@ -46,10 +47,13 @@ def examine() -> list[Finding]:
             way.release()
     if working:
         context = create_context()
-        other = {"osmesa": "it needs no display and no EGL device", "egl": "libOSMesa is absent (Mesa 25.1 removed it)"}
-        out.append(
-            Finding("OpenGL in use", "ok", f"{describe(context)}; {other[context.extra]} (SHADELAB_GL forces one)")
+        why = {"osmesa": "it needs no display and no EGL device", "egl": "libOSMesa is absent (Mesa 25.1 removed it)"}
+        because = (
+            "SHADELAB_GL asks for it"
+            if "SHADELAB_GL" in os.environ
+            else why[context.extra] + " (SHADELAB_GL forces one)"
         )
+        out.append(Finding("OpenGL in use", "ok", f"{describe(context)}; {because}"))
 
     for name in assignment_names():
         assignment = load_assignment(SOLUTION / name)
@@ -61,7 +65,7 @@ def examine() -> list[Finding]:
                     f"meshes of {name}",
                     "note",
                     f"{says}; those scenes are skipped",
-                    "run: python3 scenes/make_meshes.py --scan (needs apt-get and a network)",
+                    "run: .shadelab/venv/bin/python scenes/make_meshes.py --scan (needs apt-get and a network)",
                 )
             )
         else:

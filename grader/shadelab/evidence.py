@@ -7,6 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ EVALUATE_LIMITS = Limits(seconds=5)
 DRAW_LIMITS = Limits(seconds=20)
 # llvmpipe and numpy reserve more address space than they use.
 GL_MEMORY = 4 << 30
+START_SECONDS = 30  # for the client to start, on a machine that is busy with other things
 
 
 @dataclass
@@ -51,7 +53,7 @@ class Output:
     hung: bool = False
     printed: str = ""
     seconds: float = 0.0
-    statistics: dict | None = None
+    first_not_finite: str | None = None  # where, and with what inputs
 
 
 def _printed(raw: bytes) -> str:
@@ -82,8 +84,7 @@ class CppRunner:
 
     def evaluate(self, task: Evaluate) -> Output:
         real = np.float64 if self.double else np.float32
-        rows, results = self.sandbox.folder / "rows.bin", self.sandbox.folder / "results.bin"
-        results.unlink(missing_ok=True)
+        rows, results = self.sandbox.fresh("rows.bin"), self.sandbox.fresh("results.bin")
         task.rows.astype(real).tofile(rows)
         command = [str(RENDER), "evaluate", str(self.plugin.file), task.function.name, str(rows), str(results)]
         outcome = self._run(command, EVALUATE_LIMITS)
@@ -91,16 +92,14 @@ class CppRunner:
         shape = (len(task.rows), len(self.assignment.output_columns(task.function)))
         if not outcome.ok:
             output.failure = outcome.explain(EVALUATE_LIMITS)
-        elif not results.is_file() or results.stat().st_size != shape[0] * shape[1] * np.dtype(real).itemsize:
+        elif not _regular(results) or results.stat().st_size != shape[0] * shape[1] * np.dtype(real).itemsize:
             output.failure = "ended the program without giving its results (does it call exit?)"
         else:
             output.array = np.fromfile(results, real).reshape(shape)
         return output
 
     def draw(self, task: Draw) -> Output:
-        image, statistics = self.sandbox.folder / "image.npy", self.sandbox.folder / "statistics.json"
-        image.unlink(missing_ok=True)
-        statistics.unlink(missing_ok=True)
+        image, statistics = self.sandbox.fresh("image.npy"), self.sandbox.fresh("statistics.json")
         command = [
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
@@ -112,11 +111,38 @@ class CppRunner:
             output.failure = outcome.explain(DRAW_LIMITS)
             return output
         try:
-            output.array = np.load(image, allow_pickle=False)
-            output.statistics = json.loads(statistics.read_text())
-        except (OSError, ValueError):
+            output.array = _load_image(image)
+            output.first_not_finite = _first_not_finite(statistics)
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
         return output
+
+
+def _regular(file: Path) -> bool:
+    """A plain file and no link, pipe or folder: a read cannot block or lead elsewhere."""
+    return file.is_file() and not file.is_symlink() and file.stat().st_size <= Limits().file_size
+
+
+def _load_image(file: Path) -> np.ndarray:
+    if not _regular(file):
+        raise ValueError("no image")
+    image = np.load(file, allow_pickle=False)
+    if image.dtype != np.float32 or image.ndim != 3:
+        raise ValueError("no float32 image")
+    return image
+
+
+def _first_not_finite(file: Path) -> str | None:
+    """The renderer's note of where a value that is not finite first stood, as a sentence."""
+    if not _regular(file):
+        raise ValueError("no statistics")
+    first = json.loads(file.read_text()).get("first_not_finite") if file.stat().st_size < 1 << 16 else None
+    if first is None:
+        return None
+    n, x, v = ("(" + ", ".join(f"{float(c):.6g}" for c in first[name]) + ")" for name in ("n", "position", "v"))
+    place = f"pixel ({int(first['x'])}, {int(first['y'])}), material {str(first['material'])[:80]}"
+    return f"not finite first at {place}: n = {n}, x = {x}, v = {v}"
 
 
 class GlslRunner:
@@ -130,7 +156,7 @@ class GlslRunner:
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        self.student = folder / "shading.glsl"
+        self.student = (folder / "shading.glsl").resolve()  # the client runs in the sandbox's folder
         [(_, output)] = self._jobs([({"kind": "compile"}, None, DRAW_LIMITS)])
         if output.failure:
             raise BuildError(output.failure)
@@ -150,7 +176,11 @@ class GlslRunner:
                 }  # fmt: skip
                 jobs.append((job, (len(task.rows), columns_out), EVALUATE_LIMITS))
             else:
-                job = {"kind": "draw", "packet": str(task.packet), "output": str(target.with_suffix(".npy"))}
+                job = {
+                    "kind": "draw",
+                    "packet": str(Path(task.packet).resolve()),
+                    "output": str(target.with_suffix(".npy")),
+                }
                 jobs.append((job, None, DRAW_LIMITS))
         for index, output in self._jobs(jobs):
             yield tasks[index], output
@@ -166,40 +196,58 @@ class GlslRunner:
                 "student": str(self.student), "prelude": str(self.glue / "prelude.glsl"), "status": str(status),
                 "jobs": [job for job, _, _ in jobs[first:]],
             }))  # fmt: skip
-            progress = _Progress(status, [limits.seconds for _, _, limits in jobs[first:]])
-            outcome = self.sandbox.run(
-                [sys.executable, "-I", "-m", "shadelab.glclient", str(task_file)],
-                Limits(seconds=progress.total, memory=GL_MEMORY),
-                {"SHADELAB_ROOT": str(ROOT), "MESA_SHADER_CACHE_DIR": str(self.sandbox.folder / "tmp"), **_gl_choice()},
-                watch=progress.overdue,
-            )
-            progress.read()
+            seconds = [limits.seconds for _, _, limits in jobs[first:]]
+            progress = _Progress(status, seconds)
+            with ThreadPoolExecutor(1) as pool:
+                client = pool.submit(
+                    self.sandbox.run,
+                    [sys.executable, "-I", "-m", "shadelab.glclient", str(task_file)],
+                    Limits(seconds=START_SECONDS + sum(seconds), memory=GL_MEMORY),
+                    {
+                        "SHADELAB_ROOT": str(ROOT),
+                        "MESA_SHADER_CACHE_DIR": str(self.sandbox.folder / "tmp"),
+                        **_gl_choice(),
+                    },
+                    watch=_Progress(status, seconds).overdue,
+                )
+                # What has ended is handed on while the client works: a run that is killed keeps it.
+                given = 0
+                while True:
+                    over = client.done()
+                    progress.read()
+                    while given < progress.ended:
+                        yield first + given, self._output(jobs[first + given], progress.results[given])
+                        given += 1
+                    if over:
+                        break
+                    time.sleep(0.02)
+                outcome = client.result()
             if progress.gl is None:
                 last = outcome.stderr.strip().splitlines()
                 raise InfrastructureError(
-                    "the OpenGL client did not start: " + (last[-1] if last else outcome.explain(Limits()))
+                    "the OpenGL client did not start: " + (last[-1] if last else outcome.explain(Limits(START_SECONDS)))
                 )
             self.gl = progress.gl
-            for index in range(progress.ended):
-                yield first + index, self._output(jobs[first + index], progress.results[index])
-            if progress.ended < len(jobs) - first:
-                limits = jobs[first + progress.ended][2]
+            if given < len(jobs) - first:
+                limits = jobs[first + given][2]
                 output = Output(hung=outcome.timed_out, seconds=limits.seconds if outcome.timed_out else 0.0)
                 output.failure = outcome.explain(limits)
-                yield first + progress.ended, output
-                progress.ended += 1
-            first += progress.ended
+                yield first + given, output
+                given += 1
+            first += given
 
     def _output(self, job: tuple[dict, tuple | None, Limits], result: dict) -> Output:
         output = Output(seconds=result["seconds"])
+        if result["error"] and not result["students"]:
+            raise InfrastructureError(result["error"])
         if result["error"]:
-            output.failure = readable_shader_errors(result["error"])
+            output.failure = readable_shader_errors(result["error"], self.assignment)
             return output
         try:
             if job[0]["kind"] == "evaluate":
                 output.array = np.fromfile(job[0]["output"], np.float32).reshape(job[1])
             elif job[0]["kind"] == "draw":
-                output.array = np.load(job[0]["output"], allow_pickle=False)
+                output.array = _load_image(Path(job[0]["output"]))
         except (OSError, ValueError):
             output.failure = "gave no output"
         return output
@@ -214,7 +262,6 @@ class _Progress:
 
     def __init__(self, file: Path, seconds: list[float]) -> None:
         self.file, self.seconds = file, seconds
-        self.total = 30 + sum(seconds)
         self.gl: str | None = None
         self.ended = 0
         self.results: dict[int, dict] = {}
@@ -240,5 +287,5 @@ class _Progress:
         if size != self._size:  # something began or ended: the clock starts anew
             self._size, self._since = size, time.perf_counter()
             self.read()
-        limit = self.seconds[min(self.ended, len(self.seconds) - 1)] if self.gl else 30
+        limit = self.seconds[min(self.ended, len(self.seconds) - 1)] if self.gl else START_SECONDS
         return time.perf_counter() - (self._since or time.perf_counter()) > limit

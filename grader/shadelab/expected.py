@@ -8,6 +8,7 @@ Below .shadelab/expected/NAME/DIGEST/ stand, named by a digest of everything tha
 """
 
 import hashlib
+import os
 import shutil
 import tempfile
 import time
@@ -22,7 +23,7 @@ from shadelab.build import BuildError
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate
 from shadelab.manifest import Assignment, Function, Scene, read_toml
-from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, shown
+from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, shown
 from shadelab.sandbox import Limits, Sandbox
 from shadelab.tables import make_table, renormalised
 
@@ -112,7 +113,8 @@ def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.nd
 def digest(assignment: Assignment) -> str:
     """Of everything that the expected data depends on: code, manifests, scenes, meshes."""
     here = Path(__file__).parent
-    files = [here / "tables.py", here / "expected.py", FRAMEWORK / "interface.toml"]
+    files = [here / name for name in ("build.py", "evidence.py", "expected.py", "manifest.py", "tables.py")]
+    files += [FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt"]
     for folder in ("include", "src", "render"):
         files += sorted(f for f in (FRAMEWORK / folder).rglob("*") if f.is_file())
     pending = [assignment]
@@ -135,6 +137,7 @@ def load(assignment: Assignment, progress: Callable[[str], None] = lambda _: Non
     folder = EXPECTED / assignment.name / digest(assignment)
     if not (folder / "done").exists():
         make(assignment, folder, progress)
+    os.utime(folder)  # its age counts from the last use
     return Expected(folder)
 
 
@@ -190,5 +193,9 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
             shutil.rmtree(scratch)
     # Older data of this assignment serves nobody for long: its digest will not come back. A run may still be reading it.
     for other in folder.parent.iterdir():
-        if other != folder and time.time() - other.stat().st_mtime > 3600:
+        try:
+            unused = time.time() - other.stat().st_mtime
+        except FileNotFoundError:
+            continue
+        if other != folder and unused > 3600:
             shutil.rmtree(other, ignore_errors=True)

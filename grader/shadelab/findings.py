@@ -175,9 +175,7 @@ class ImageJudgement:
     limit: np.ndarray  # (H, W, 3): what each pixel of the total may be off
 
 
-def judge_image(
-    scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray, needs: list[str]
-) -> ImageJudgement:
+def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray) -> ImageJudgement:
     """layers: (H, W, 13) float32, the CHANNELS up to coverage; the edges come from our own geometry layers."""
     reference, actual = truth.layer("total").astype(np.float64), layers[..., :3].astype(np.float64)
     foreground = truth.layer("id")[..., 0] > 0
@@ -190,10 +188,10 @@ def judge_image(
         status="passed",
         score=points,
         max_score=points,
-        needs=needs,
+        needs=[f"{backend}/build"],
     )
     interior, edge, background = truth.mask == INTERIOR, truth.mask == EDGE, truth.mask == BACKGROUND
-    if interior.sum() < 0.5 * foreground.sum():
+    if not foreground.any() or interior.sum() < 0.5 * foreground.sum():
         # A scene of slivers and edges says nothing about shading: the scene is at fault, not the student.
         check.status, check.score = "error", 0.0
         check.message = (
@@ -214,7 +212,12 @@ def judge_image(
     if fraction < 1:
         check.status = "failed"
         check.message = _describe_image(truth, layers, violates, share, edge_share, not_finite, interior, scale)
-        check.worst = _worst_pixel(truth, actual, limit, violates & (edge if share <= FULL_MARKS else ~edge))
+        lost_for = ~np.isfinite(actual).all(axis=2)
+        if share > FULL_MARKS:
+            lost_for |= violates & ~edge
+        if edge_share > EDGE_CAP:
+            lost_for |= violates & edge
+        check.worst = _worst_pixel(truth, actual, limit, lost_for)
     return ImageJudgement(check, limit)
 
 

@@ -7,7 +7,7 @@ JOBS.json: {"student": file, "prelude": file, "status": file, "jobs": [...]}, ea
     {"kind": "evaluate", "main": file, "columns_in": n, "columns_out": n, "rows": file, "output": file}
     {"kind": "draw", "packet": file, "output": file}
 Tables are raw float32, images .npy. For each job the status file gets a line {"begin": i} and, when it ended,
-{"end": i, "error": null | message, "seconds": s}; a job that has begun and not ended took the process with it.
+{"end": i, "error": null | message, "students": whether the student's shader is at fault, "seconds": s}; a job that has begun and not ended took the process with it.
 """
 
 import json
@@ -208,18 +208,21 @@ def run(job: dict[str, Any], client: Client) -> None:
 def main() -> None:
     task = json.loads(Path(sys.argv[1]).read_text())
     with open(task["status"], "a", buffering=1) as status:
-        client = Client(Path(task["prelude"]).read_text(), Path(task["student"]).read_text())
+        client = Client(Path(task["prelude"]).read_text(), Path(task["student"]).read_text(errors="replace"))
         status.write(json.dumps({"gl": describe(client.context)}) + "\n")
         for index, job in enumerate(task["jobs"]):
             status.write(json.dumps({"begin": index}) + "\n")
-            start, message = time.perf_counter(), None
+            start, message, students = time.perf_counter(), None, False
             try:
                 run(job, client)
-            except (ShaderError, UserError) as error:
+            except ShaderError as error:
+                message, students = str(error), True
+            except UserError as error:
                 message = str(error)
-            except Exception as error:
+            except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told
                 message = f"the OpenGL client failed: {type(error).__name__}: {error}"
-            status.write(json.dumps({"end": index, "error": message, "seconds": time.perf_counter() - start}) + "\n")
+            end = {"end": index, "error": message, "students": students, "seconds": time.perf_counter() - start}
+            status.write(json.dumps(end) + "\n")
 
 
 if __name__ == "__main__":

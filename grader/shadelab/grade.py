@@ -3,6 +3,7 @@
 import hashlib
 import platform
 import shlex
+import shutil
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,7 @@ import numpy as np
 
 from shadelab import __version__, intake
 from shadelab import expected as expected_data
-from shadelab.build import BuildError
+from shadelab.build import BuildError, glue_folder
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes
@@ -23,7 +24,7 @@ from shadelab.manifest import Assignment, Function, Scene, find_assignment, name
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
 from shadelab.result import Check, Result
-from shadelab.sandbox import Sandbox, work_folder
+from shadelab.sandbox import Sandbox, stop_everything, work_folder
 
 BACKENDS = ("cpp", "glsl")
 
@@ -41,27 +42,30 @@ class Plan:
     """One check that is to be made."""
 
     id: str
+    kind: str
     backend: str
     points: float
-    item: Function | Scene
-    needs: list[str]
+    item: Function | Scene | None  # None: the build
+    models: list[str] = field(default_factory=list)  # of a scene: ids of the checks of its models' functions
 
 
-def plan_checks(assignment: Assignment, only: str) -> dict[str, list[Plan]]:
-    """Per backend, in the order of the data flow. Points of a function or scene are halved between the languages."""
+def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]]:
+    """Per backend, in the order of the data flow. Points of a function or scene are halved between the languages.
+
+    A backend of which a check is wanted is built; the build's own check stands first.
+    """
     plans: dict[str, list[Plan]] = {}
     for backend in BACKENDS:
-        build = f"{backend}/build"
-        plans[backend] = [
-            Plan(f"{backend}/function/{f.name}", backend, f.points / 2, f, [build]) for f in assignment.functions
+        build = Plan(f"{backend}/build", "build", backend, 0.0, None)
+        wanted = [
+            Plan(f"{backend}/function/{f.name}", "function", backend, f.points / 2, f) for f in assignment.functions
         ]
         for scene in assignment.scenes:
             models = {m["model"] for m in read_toml(scene.file).get("material", {}).values()}
-            needs = [f"{backend}/function/{f.name}" for f in assignment.functions if f.name in models]
-            plans[backend].append(
-                Plan(f"{backend}/image/{scene.name}", backend, scene.points / 2, scene, [build, *needs])
-            )
-        plans[backend] = [p for p in plans[backend] if fnmatch(p.id, only)]
+            functions = [f"{backend}/function/{f.name}" for f in assignment.functions if f.name in models]
+            wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, functions))
+        wanted = [p for p in wanted if fnmatch(p.id, only)]
+        plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
     return plans
 
 
@@ -76,9 +80,10 @@ def grade(
 
     `only` restricts to checks whose id matches a shell pattern; a backend without any is not built.
     """
+    glue_folder(assignment.directory)  # once, before two threads want it
     expected = expected_data.load(assignment, lambda what: progress(what, 0, 1))
     plans = plan_checks(assignment, only)
-    total = sum(len(p) + 1 for p in plans.values() if p)
+    total = sum(len(p) for p in plans.values())
     result = Result(
         assignment=assignment.name,
         submission="sha256:" + submission_digest(assignment, submission),
@@ -87,9 +92,16 @@ def grade(
     )
     grading = Grading(result)
     lock = threading.Lock()
+    if out is not None:
+        # An older run's reports must not pass for this one's.
+        (out / "report.html").unlink(missing_ok=True)
+        shutil.rmtree(out / "worst", ignore_errors=True)
+        result.write(out / "result.json")
 
-    def record(check: Check, pictures: Pictures | None = None) -> None:
+    def record(check: Check, pictures: Pictures | None = None, gl: str | None = None) -> None:
         with lock:
+            if gl is not None:
+                result.environment["gl"] = gl
             result.add(check)
             if pictures is not None:
                 grading.pictures[check.id] = pictures
@@ -100,15 +112,17 @@ def grade(
     with work_folder("grade") as folder, ThreadPoolExecutor(len(BACKENDS)) as pool:
         files = intake.take(submission, assignment, folder / "submission")
         chains = [
-            pool.submit(_grade_backend, backend, assignment, expected, plans[backend], files, folder, record, result)
+            pool.submit(_grade_safely, backend, assignment, expected, plans[backend], files, folder, record)
             for backend in BACKENDS
             if plans[backend]
         ]
-        for chain in chains:
-            chain.result()
-    order = {
-        p.id: k for k, p in enumerate(p for b in BACKENDS for p in [Plan(f"{b}/build", b, 0, None, []), *plans[b]])
-    }
+        try:
+            for chain in chains:
+                chain.result()
+        except KeyboardInterrupt:
+            stop_everything.set()
+            raise
+    order = {p.id: k for k, p in enumerate(p for backend in BACKENDS for p in plans[backend])}
     result.checks.sort(key=lambda check: order[check.id])
     result.complete = True
     if out is not None:
@@ -120,6 +134,23 @@ def _absent(plan: Plan) -> bool:
     return isinstance(plan.item, Scene) and bool(missing_meshes(plan.item))
 
 
+def _grade_safely(backend: str, assignment: Assignment, expected: Expected, plans: list[Plan], *rest) -> None:
+    """Whatever goes wrong in one language, what was earned stays, and the other language is graded."""
+    files, folder, record = rest
+    recorded: set[str] = set()
+
+    def remember(check: Check, *arguments, **options) -> None:
+        recorded.add(check.id)
+        record(check, *arguments, **options)
+
+    try:
+        _grade_backend(backend, assignment, expected, plans, files, folder, remember)
+    except Exception as error:  # a fault of the grader: told, and never a silent zero
+        for plan in plans:
+            if plan.id not in recorded:
+                record(_our_fault(plan, InfrastructureError(f"the grader failed: {type(error).__name__}: {error}")))
+
+
 def _grade_backend(
     backend: str,
     assignment: Assignment,
@@ -128,27 +159,25 @@ def _grade_backend(
     files: dict[str, str | None],
     folder: Path,
     record: Callable[..., None],
-    result: Result,
 ) -> None:
+    build, *plans = plans
     sandbox = Sandbox(folder / backend)
-    runner = CppRunner(assignment, sandbox) if backend == "cpp" else GlslRunner(assignment, sandbox)
-    build = Check(id=f"{backend}/build", kind="build", backend=backend, status="passed", score=0.0, max_score=0.0)
     source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
     try:
+        runner = CppRunner(assignment, sandbox) if backend == "cpp" else GlslRunner(assignment, sandbox)
         if files[source]:
             raise BuildError(files[source])
         runner.build(folder / "submission")
     except BuildError as error:
-        build.status, build.message = "failed", error.message
-    except InfrastructureError as error:
-        build.status, build.message = "error", str(error)
-    record(build)
-    if build.status != "passed":
+        record(_check(build, "failed", error.message))
         for plan in plans:
-            record(_skipped(plan, f"needs {build.id}"))
+            record(_check(plan, "skipped"))
         return
-    if isinstance(runner, GlslRunner):
-        result.environment["gl"] = runner.gl
+    except InfrastructureError as error:
+        for plan in [build, *plans]:
+            record(_our_fault(plan, error))
+        return
+    record(_check(build, "passed"), gl=getattr(runner, "gl", None))
 
     # Functions first: a scene whose model never ends would only use up the time again.
     hung: set[str] = set()
@@ -160,7 +189,7 @@ def _grade_backend(
             continue
         rows, truth = expected.table(plan.item)
         if output.array is None:
-            check = _failed(plan, "function", f"{plan.item.name} {output.failure}")
+            check = _check(plan, "failed", f"{plan.item.name} {output.failure}")
             if output.hung:
                 hung.add(plan.id)
         else:
@@ -172,13 +201,12 @@ def _grade_backend(
         if not isinstance(plan.item, Scene):
             continue
         if missing := missing_meshes(plan.item):
-            check = _skipped(
-                plan, f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
-            )
+            message = f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
+            check = _check(plan, "skipped", message)
             check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
             record(check)
-        elif waiting := [need for need in plan.needs if need in hung]:
-            record(_skipped(plan, f"needs {waiting[0]}, which did not end"))
+        elif waiting := [model for model in plan.models if model in hung]:
+            record(_check(plan, "skipped", f"{waiting[0].split('/')[-1]} did not end in its own check", waiting))
         else:
             scenes.append(plan)
     for plan, output in _outputs(runner, scenes, [Draw(p.item, expected.packet(p.item)) for p in scenes]):
@@ -188,12 +216,12 @@ def _grade_backend(
         truth = expected.scene(plan.item)
         total = truth.layer("total")
         if output.array is not None and output.array.shape == (*total.shape[:2], TERM_CHANNELS):
-            judged = judge_image(plan.item, backend, plan.points, truth, output.array, plan.needs)
+            judged = judge_image(plan.item, backend, plan.points, truth, output.array)
             pictures = Pictures(output.array[..., :3], total, truth.mask, judged.limit)
             check = judged.check
         else:
             failure = output.failure or f"gave an image of another size: {output.array.shape}"
-            check = _failed(plan, "image", f"{plan.item.name}: the render {failure}")
+            check = _check(plan, "failed", f"{plan.item.name}: the render {failure}")
             pictures = Pictures(None, total, truth.mask, np.ones_like(total))
         record(_finished(check, output), pictures)
 
@@ -212,50 +240,25 @@ def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task
         done += 1
 
 
-def _kind(plan: Plan) -> str:
-    return "function" if isinstance(plan.item, Function) else "image"
-
-
-def _failed(plan: Plan, kind: str, message: str) -> Check:
+def _check(plan: Plan, status: str, message: str = "", needs: list[str] | None = None) -> Check:
+    """One without marks: a build, or a check that failed or was skipped before there were numbers to judge."""
+    build = [] if plan.item is None else [f"{plan.backend}/build"]
     return Check(
-        id=plan.id,
-        kind=kind,
-        backend=plan.backend,
-        status="failed",
-        score=0.0,
-        max_score=plan.points,
-        message=message,
-        needs=plan.needs,
-    )
-
-
-def _skipped(plan: Plan, message: str) -> Check:
-    return Check(
-        id=plan.id, kind=_kind(plan), backend=plan.backend, status="skipped", score=0.0, max_score=plan.points, message=message,
-        needs=plan.needs,
+        id=plan.id, kind=plan.kind, backend=plan.backend, status=status, score=0.0, max_score=plan.points,
+        message=message, needs=[*build, *(needs or [])],
     )  # fmt: skip
 
 
 def _our_fault(plan: Plan, error: InfrastructureError) -> Check:
-    check = _skipped(plan, f"not the submission's fault: {error}")
-    check.status = "error"
-    return check
+    return _check(plan, "error", f"not the submission's fault: {error}")
 
 
 def _finished(check: Check, output: Output) -> Check:
     check.seconds = round(output.seconds, 4)
     check.printed = output.printed
-    first = (output.statistics or {}).get("first_not_finite")
-    if first:
-        check.message += (
-            f"; not finite first at pixel ({first['x']}, {first['y']}), material {first['material']}: "
-            f"n = {_vector(first['n'])}, x = {_vector(first['position'])}, v = {_vector(first['v'])}"
-        )
+    if output.first_not_finite:
+        check.message += f"; {output.first_not_finite}"
     return check
-
-
-def _vector(values: list) -> str:
-    return "(" + ", ".join(f"{float(v):.6g}" for v in values) + ")"
 
 
 def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Path, out: Path) -> None:

@@ -254,6 +254,10 @@ def find_assignment(submission: Path, name: str | None) -> Assignment:
     The manifest itself is always ours: a student's copy only tells the name.
     """
     known = assignment_names()
+    if name is not None and name not in known:
+        raise UserError(f"{name}: there is no such assignment; there is {', '.join(known)}")
+    if not submission.is_dir():
+        raise UserError(f"{shown(submission)}: there is no such folder; give the one that holds the submission")
     if name is None and (submission / "assignment.toml").is_file():
         declared = read_toml(submission / "assignment.toml").get("name")
         name = declared if declared in known else None
@@ -261,6 +265,4 @@ def find_assignment(submission: Path, name: str | None) -> Assignment:
         name = submission.resolve().name
     if name is None:
         raise UserError(f"{shown(submission)}: which assignment is it? Give --assignment {' or '.join(known)}")
-    if name not in known:
-        raise UserError(f"--assignment {name}: there is no such assignment; there is {', '.join(known)}")
     return load_assignment(SOLUTION / name)

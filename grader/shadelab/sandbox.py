@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,10 @@ from shadelab.errors import InfrastructureError
 from shadelab.paths import STATE
 
 OUTPUT_KEPT = 4096  # bytes of what the code prints that a report shows
+THREADS = 64
+
+# Set when the user interrupts: the threads that wait for children give up.
+stop_everything = threading.Event()
 
 
 @contextmanager
@@ -54,7 +59,7 @@ class Outcome:
     returncode: int  # negative: the signal that ended it
     timed_out: bool
     seconds: float
-    stdout: bytes  # the first OUTPUT_KEPT bytes
+    stdout: bytes  # its beginning
     stderr: str
 
     @property
@@ -66,7 +71,8 @@ class Outcome:
         if self.timed_out:
             return f"did not end within {limits.seconds:g} s (an endless loop?)"
         if self.returncode < 0:
-            name = signal.Signals(-self.returncode).name
+            known = {s.value: s.name for s in signal.Signals}
+            name = known.get(-self.returncode, f"signal {-self.returncode}")
             meanings = {
                 "SIGSEGV": "it read or wrote memory that is not its own, or recursed without end",
                 "SIGFPE": "an integer was divided by zero",
@@ -85,18 +91,36 @@ class Sandbox:
 
     name = "limits only (time, memory, file size, bare environment)"
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "tmp").mkdir(exist_ok=True)
-        if not shutil.which("prlimit"):
-            raise InfrastructureError("prlimit is missing: install util-linux")
+    def __init__(self, folder: Path, output_kept: int = OUTPUT_KEPT) -> None:
+        self.folder, self.output_kept = folder, output_kept
+        self.prepare()
+        if not (shutil.which("prlimit") and shutil.which("setpriv")):
+            raise InfrastructureError("prlimit or setpriv is missing: install util-linux")
+
+    def prepare(self) -> None:
+        """The folders, also after code that ran here removed or replaced them."""
+        for folder in (self.folder, self.folder / "tmp"):
+            if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+                folder.unlink()
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def fresh(self, name: str) -> Path:
+        """A path in the folder at which nothing is, whatever code that ran here has put there."""
+        self.prepare()
+        path = self.folder / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+        return path
 
     def environment(self, extra: dict[str, str]) -> dict[str, str]:
         tmp = str(self.folder / "tmp")
         return {
             "PATH": "/usr/bin:/bin", "HOME": tmp, "TMPDIR": tmp, "LANG": "C.UTF-8",
-            "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1", **extra,
+            "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1",
+            # Every thread reserves address space: on a machine of many processors they would not fit under the limit.
+            "OMP_NUM_THREADS": str(min(THREADS, len(os.sched_getaffinity(0)))), **extra,
         }  # fmt: skip
 
     def run(
@@ -109,12 +133,14 @@ class Sandbox:
     ) -> Outcome:
         """Runs to the end, to the time limit, or until `watch` (asked every 20 ms) says to stop."""
         limited = [
+            "setpriv", "--pdeathsig", "KILL",  # whatever ends the grader ends this, too
             "prlimit", f"--as={limits.memory}", f"--fsize={limits.file_size}", "--core=0",
             f"--cpu={int(limits.seconds * (os.cpu_count() or 1)) + 1}", *command,
         ]  # fmt: skip
-        output, errors = self.folder / "tmp" / "stdout", self.folder / "tmp" / "stderr"
-        # Files and not pipes: code that prints without end meets the file size limit, and nobody has to drain it.
-        with open(output, "wb") as out, open(errors, "wb") as err:
+        self.prepare()
+        # Files and not pipes: code that prints without end meets the file size limit, and nobody has to drain it. They have no
+        # name that the code could remove or replace.
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
             start = time.perf_counter()
             process = subprocess.Popen(
                 limited, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd or self.folder,
@@ -130,7 +156,7 @@ class Sandbox:
                         break
                     except subprocess.TimeoutExpired:
                         stopped = time.perf_counter() - start > limits.seconds or (watch is not None and watch())
-                        if stopped:
+                        if stopped or stop_everything.is_set():
                             break
             finally:
                 try:
@@ -139,8 +165,12 @@ class Sandbox:
                     pass
                 process.wait()
             seconds = time.perf_counter() - start
-        with open(output, "rb") as out:
-            kept = out.read(OUTPUT_KEPT)
-        with open(errors, "rb") as err:
+            if stop_everything.is_set():
+                raise InfrastructureError("interrupted")
+            out.seek(0)
+            kept = out.read(self.output_kept)
+            if len(kept) < (size := os.fstat(out.fileno()).st_size):
+                kept = kept[: self.output_kept - 64] + f"\n... {size - self.output_kept + 64} more bytes".encode()
+            err.seek(0)
             text = err.read(1 << 20).decode(errors="replace")
         return Outcome(process.returncode, stopped, seconds, kept, text)

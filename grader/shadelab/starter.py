@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 from shadelab.errors import UserError
@@ -33,8 +34,13 @@ def starter_files(assignment: Assignment) -> dict[str, bytes]:
     return out
 
 
-def write_starter(assignment: Assignment) -> Path:
+def write_starter(assignment: Assignment, force: bool) -> Path:
+    """Raises UserError when the folder holds what no commit holds, so that nobody's work is lost; `force` overrides."""
     folder = STARTER / assignment.name
+    git = ["git", "-C", str(STARTER.parent), "status", "--porcelain", "--", str(folder)]
+    changed = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    if changed and not force:
+        raise UserError(f"{shown(folder)}: holds changes that are not committed; commit or move them, or give --force")
     shutil.rmtree(folder, ignore_errors=True)
     for name, data in starter_files(assignment).items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

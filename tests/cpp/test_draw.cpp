@@ -460,7 +460,7 @@ TEMPLATE_TEST_CASE("where vertex normals cancel the face normal stands in, and i
                 }
             CHECK(covered > 20);
             CHECK(drawn.statistics.fallback_normals == covered);
-            CHECK(drawn.statistics.not_finite_pixels == 0);
+            CHECK(drawn.statistics.not_finite_fragments == 0);
         }
     }
     // A transform that squeezes z makes opposing normals of harmless ones: (s, 0, +-c) with s small becomes (0.01 s, 0, +-c).
@@ -549,7 +549,7 @@ TEST_CASE("what is not finite is reported where it first stands, and not drawn w
     CHECK(infinite > 500);
     CHECK(leftmost < 40);
     CHECK(first_x > 64);
-    CHECK(drawn.statistics.not_finite_pixels == infinite);
+    CHECK(drawn.statistics.not_finite_fragments == infinite);
     REQUIRE(drawn.statistics.first_not_finite);
     const NotFinite& first = *drawn.statistics.first_not_finite;
     CHECK((first.x == first_x && first.y == first_y));

@@ -105,7 +105,7 @@ def test_grading_through_egl(grade):
 
 def test_no_opengl_is_our_fault_and_not_the_students(grade):
     result = grade(ROOT / "solution" / "phong", only="glsl/function/*", SHADELAB_GL="none")
-    assert result["by_id"]["glsl/build"]["status"] == "error"
+    assert {c["status"] for c in result["checks"]} == {"error"}  # none passes for a zero of the student's
     assert "SHADELAB_GL=none" in result["by_id"]["glsl/build"]["message"]
     assert not any(c["status"] == "failed" for c in result["checks"])
 

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from conftest import ROOT
 from shadelab import expected
@@ -25,9 +26,23 @@ def test_render_writes_each_format(shadelab, tmp_path):
 
 def test_render_glsl_writes_the_same_png(shadelab, tmp_path):
     for backend in ("cpp", "glsl"):
-        assert shadelab("render", SPHERE, "--backend", backend, "--size", "64x64", "-o", f"{backend}.png").code == 0
-    pictures = [np.frombuffer((tmp_path / f"{b}.png").read_bytes(), np.uint8) for b in ("cpp", "glsl")]
-    assert abs(len(pictures[0]) - len(pictures[1])) < 0.05 * len(pictures[0])
+        options = ["--shading", "solution", "--backend", backend, "--size", "64x64"]
+        shutil.copytree(PHONG, tmp_path / "solution", dirs_exist_ok=True)  # a relative folder, as students type it
+        assert shadelab("render", SPHERE, *options, "-o", f"{backend}.png").code == 0
+    pictures = [np.asarray(Image.open(tmp_path / f"{b}.png")).astype(int) for b in ("cpp", "glsl")]
+    assert pictures[0].shape == (64, 64, 3) and pictures[0].max() > 200
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1  # the renderers differ by rounding
+
+
+def test_x_to_the_zero_is_one_inside_the_gate(shadelab, tmp_path):
+    """Also where the cosine is 0, in both languages (0^0 is no number to some drivers)."""
+    up, side, down = [0, 1, 0], [1, 0, 0], [0, -1, 0]
+    np.savez(tmp_path / "in.npz", n=[up, up, up], l=[up, up, down], v=[side, down, up], q=[0, 0, 0])
+    for function in ("phong_lobe", "blinn_lobe"):
+        for backend in ("cpp", "glsl"):
+            done = shadelab("eval", PHONG, function, "--inputs", "in.npz", "-o", "out.npz", "--backend", backend)
+            assert done.code == 0, done.stderr
+            np.testing.assert_array_equal(np.load(tmp_path / "out.npz")["result"], [1, 1, 0])
 
 
 def test_explain_and_full(shadelab, tmp_path):
@@ -66,6 +81,7 @@ def test_double_and_threads_change_no_coverage(shadelab, tmp_path):
         (('model = "phong"', 'model = "pong"'), "material.clay.model: must be phong or blinn_phong"),
         (("[camera]", "[camera"), "not valid TOML"),
         (("sphere.obj", "spere.obj"), "spere.obj cannot be read"),
+        (("[material.clay]", "[[material]]"), "material"),
         (("fov_y = 40", "fov_y = 40\nfovy = 3"), 'camera.fovy: unknown key; did you mean "fov_y"?'),
     ],
 )
@@ -180,3 +196,12 @@ def test_help_lists_every_command(shadelab):
     for command in ("grade", "render", "eval", "reference", "check", "starter", "doctor", "test"):
         assert command in done.stdout
         assert shadelab(command, "--help").code == 0
+
+
+def test_eval_refuses_what_is_no_npz(shadelab, tmp_path):
+    (tmp_path / "broken.npz").write_bytes(b"PK\x03\x04 nonsense")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "plain.npy", np.zeros(3))
+    for name in ("broken.npz", "empty.npz", "plain.npy"):
+        done = shadelab("eval", PHONG, "half_vector", "--inputs", name)
+        assert done.code == 2 and len(done.stderr.strip().splitlines()) == 1 and name in done.stderr

@@ -23,14 +23,14 @@ def made_up(size=64, radius=24):
     layers[disc, CHANNELS["id"]] = 1
     layers[disc, CHANNELS["normal"]] = [0, 0, 1]
     for name in ("total", "diffuse"):
-        layers[..., CHANNELS[name]] = np.where(disc, 0.6 + 0.4 * x / radius, 0)[..., None]
+        layers[..., CHANNELS[name]] = np.where(disc, 0.6 + 0.4 * x / max(radius, 1), 0)[..., None]
     layers[..., CHANNELS["position"]] = np.stack([x, y, np.zeros_like(x)], axis=2) / size
     eye = np.array([0.0, 0, 1])
     return SceneTruth(layers, scene_mask(layers, eye, 1 / size), eye)
 
 
 def judge(truth, layers):
-    return judge_image(SCENE, "cpp", 10.0, truth, layers, []).check
+    return judge_image(SCENE, "cpp", 10.0, truth, layers).check
 
 
 def test_mask_rings_the_disc():
@@ -75,6 +75,7 @@ def test_one_nan_costs_half():
     check = judge(truth, layers)
     assert check.status == "failed" and check.score == 5.0
     assert "1 pixels are not finite, the first at (32, 32)" in check.message
+    assert check.worst.inputs["pixel"] == [32, 32] and check.worst.actual[0] == "nan"
 
 
 def test_edges_have_a_loose_cap():
@@ -85,6 +86,11 @@ def test_edges_have_a_loose_cap():
         count = int(share * len(ys))
         layers[ys[:count], xs[:count], :3] += 5
         assert judge(truth, layers).status == status
+
+
+def test_a_scene_without_foreground_is_an_error():
+    truth = made_up(radius=0)
+    assert judge(truth, truth.layers.copy()).status == "error"
 
 
 def test_painting_the_background_is_seen():

@@ -1,6 +1,6 @@
 #pragma once
-// What a scene needs, and so what is left out. Computed once per scene; it decides what is loaded, transformed, compiled into
-// the GLSL, handed to the plugin and written. An omission rests only on facts of the scene and the framework, never on what a
+// What a scene needs, and so what is left out. Computed once per scene; it decides which lights are shaded, what is compiled into
+// the GLSL, and which layers are computed and written. An omission rests only on facts of the scene and the framework, never on what a
 // shading function ought to return: a student's mistake must show with and without it.
 
 #include <shadelab/scene.hpp>

@@ -14,14 +14,14 @@ namespace shadelab {
 /// #line, so that a line number in the compiler's message tells which text it means: the student's lines count from 1.
 inline constexpr int prelude_first_line = 1'000'001, main_first_line = 2'000'001;
 
-/// <shadelab/assignment.hpp>: structs, prototypes of the functions, and those of given assignments.
+/// <shadelab/assignment.hpp>: the structs. No prototypes: a student may take arguments by value or by reference.
 std::string cpp_assignment_header(const Manifest& manifest);
 /// The plugin's one translation unit; it includes `student_file` (as written, relative to the compiler's -I or working folder).
 std::string cpp_glue(const Manifest& manifest, const std::string& student_file);
 
 /// `shading_glsl`: the text of the framework's shading.glsl, which opens the prelude.
 std::string glsl_prelude(const Manifest& manifest, const std::string& shading_glsl);
-/// main() that evaluates one function over a table in texture `rows` (see README of the evaluator in glue.cpp).
+/// main() that evaluates one function over a table in texture `rows` (the layout stands in glue.cpp).
 std::string glsl_evaluate_main(const Manifest& manifest, const Function& function);
 /// main() of the fragment (or, for Gouraud objects, vertex) shader that shades with `model` under the scene's lights.
 struct ShaderMains {

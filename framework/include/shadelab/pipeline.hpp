@@ -68,9 +68,8 @@ template <class Real>
 struct FragmentBatch {
     static constexpr int capacity = 1024;
     int count = 0;
-    int pixel[capacity];     ///< index into the film
-    float weight[capacity];  ///< share of the pixel's samples that it covers
-    uint32_t triangle[capacity];
+    int pixel[capacity];                 ///< index into the film
+    float weight[capacity];              ///< share of the pixel's samples that it covers
     alignas(64) Real in[9][capacity];    ///< n.xyz, x.xyz, v.xyz
     alignas(64) Real out[12][capacity];  ///< total, ambient, diffuse, specular
 };
@@ -98,7 +97,7 @@ struct DrawStatistics {
     int64_t triangles = 0, clipped_triangles = 0, not_finite_vertices = 0;
     int64_t fragments = 0;         ///< shaded
     int64_t fallback_normals = 0;  ///< interpolated normals that cancelled and became the face normal
-    int64_t not_finite_pixels = 0;
+    int64_t not_finite_fragments = 0;
     std::optional<NotFinite> first_not_finite;
     double vertex_ms = 0, bin_ms = 0, tile_ms = 0;
 };

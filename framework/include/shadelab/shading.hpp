@@ -376,7 +376,7 @@ SHADELAB_OPERATOR(/)
 
 using namespace shadelab::glsl;
 
-// Made from the assignment's manifest: its structs and the prototypes of its functions.
+// Made from the assignment's manifest: its structs.
 #if __has_include(<shadelab/assignment.hpp>)
 #include <shadelab/assignment.hpp>
 #endif

@@ -128,7 +128,7 @@ def first_step(result: Result) -> tuple[str, Check | None]:
     failed, errors, skipped = (in_order(result, s) for s in ("failed", "error", "skipped"))
     if failed:
         check = failed[0]
-        waiting = sum(check.id in c.needs for c in result.checks)
+        waiting = sum(check.id in c.needs and c.status == "skipped" for c in result.checks)
         if check.kind == "build":
             what = f"Make {FILES[check.backend]} compile first"
         elif check.kind == "function":
@@ -157,7 +157,7 @@ def _shortened(text: str, width: int = 160) -> str:
 def waits_for(check: Check, result: Result) -> list[str]:
     """The ids in `needs` that did not pass."""
     passed = {c.id for c in result.checks if c.status == "passed"}
-    return [plain(need) for need in check.needs if need not in passed] or [plain(need) for need in check.needs]
+    return [plain(need) for need in check.needs if need not in passed]
 
 
 # --- The terminal ---
