@@ -23,21 +23,21 @@ class OSMesaContext:
 
     def __init__(self) -> None:
         name = ctypes.util.find_library("OSMesa") or "libOSMesa.so.8"
-        self.library = ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)  # OSError when the system has none
-        self.library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
-        self.library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
-        self.library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
-        self.library.OSMesaMakeCurrent.argtypes = [
+        self.osmesa = ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)  # OSError when the system has none
+        self.osmesa.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        self.osmesa.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        self.osmesa.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        self.osmesa.OSMesaMakeCurrent.argtypes = [
             ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int,
         ]  # fmt: skip
-        self.library.OSMesaGetProcAddress.restype = ctypes.c_void_p
-        self.library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
-        self.library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        self.osmesa.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        self.osmesa.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        self.osmesa.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         attributes = [
             OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 24, OSMESA_STENCIL_BITS, 8, OSMESA_PROFILE, OSMESA_CORE_PROFILE,
             OSMESA_CONTEXT_MAJOR_VERSION, 3, OSMESA_CONTEXT_MINOR_VERSION, 3, 0,
         ]  # fmt: skip
-        self.handle = self.library.OSMesaCreateContextAttribs((ctypes.c_int * len(attributes))(*attributes), None)
+        self.handle = self.osmesa.OSMesaCreateContextAttribs((ctypes.c_int * len(attributes))(*attributes), None)
         if not self.handle:
             raise OSError("OSMesa gives no OpenGL 3.3 core context")
         # OSMesa insists on a window-system buffer; everything is drawn into framebuffer objects instead.
@@ -45,11 +45,11 @@ class OSMesaContext:
         self.make_current()
 
     def make_current(self) -> None:
-        if not self.library.OSMesaMakeCurrent(self.handle, self.buffer, GL_UNSIGNED_BYTE, 16, 16):
+        if not self.osmesa.OSMesaMakeCurrent(self.handle, self.buffer, GL_UNSIGNED_BYTE, 16, 16):
             raise OSError("OSMesa's context cannot be made current")
 
     def load(self, name: str) -> int:
-        return self.library.OSMesaGetProcAddress(name.encode()) or 0
+        return self.osmesa.OSMesaGetProcAddress(name.encode()) or 0
 
     def __enter__(self) -> "OSMesaContext":
         self.make_current()
@@ -60,7 +60,7 @@ class OSMesaContext:
 
     def release(self) -> None:
         if self.handle:
-            self.library.OSMesaDestroyContext(self.handle)
+            self.osmesa.OSMesaDestroyContext(self.handle)
             self.handle = None
 
 
