@@ -82,12 +82,6 @@ std::string incident_light(const Manifest& manifest) {
     return "given::incident_light";
 }
 
-void collect_models(const Manifest& manifest, std::vector<Function>& out) {
-    for (const Manifest& earlier : manifest.given) collect_models(earlier, out);
-    for (const Function& function : manifest.functions)
-        if (function.is_model()) out.push_back(function);
-}
-
 std::string read_text(const std::filesystem::path& file) {
     std::ifstream in(file);
     std::ostringstream text;
@@ -128,8 +122,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         "vy,\n"
         "    const Real* __restrict vz";
     const std::vector<std::string> terms = {"ambient", "diffuse", "specular"};
-    std::vector<Function> models;
-    collect_models(manifest, models);
+    const std::vector<Function> models = manifest.models();
     for (const Function& model : models) {
         const std::string material = model.arguments[0].type;
         for (const bool layers : {false, true}) {

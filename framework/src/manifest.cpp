@@ -86,12 +86,14 @@ const Function* Manifest::find_model(const std::string& model) const {
     return nullptr;
 }
 
-std::vector<std::string> Manifest::model_names() const {
-    std::vector<std::string> out;
-    for (const Function& function : functions)
-        if (function.is_model()) out.push_back(function.name);
-    for (const Manifest& earlier : given)
-        for (const std::string& name : earlier.model_names()) out.push_back(name);
+std::vector<Function> Manifest::models() const {
+    std::vector<Function> out;
+    const auto add = [&](const Manifest& manifest) {
+        for (const Function& function : manifest.functions)
+            if (function.is_model()) out.push_back(function);
+    };
+    add(*this);
+    for (const Manifest& earlier : given) add(earlier);
     return out;
 }
 
@@ -120,8 +122,12 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
     manifest.name = root.string("name");
     root.string("title");
     manifest.files = root.strings("files");
-    for (const std::string& name : root.strings("given")) {
-        manifest.given.push_back(load_manifest(directory / ".." / name, interface));
+    const std::vector<std::string> given = root.strings("given");
+    for (size_t i = 0; i < given.size(); ++i) {
+        manifest.given.push_back(load_manifest(directory / ".." / given[i], interface));
+        for (const Manifest& needed : manifest.given.back().given)
+            if (std::find(given.begin(), given.begin() + i, needed.name) == given.begin() + i)
+                root.fail("given", given[i] + " builds on " + needed.name + ": list " + needed.name + " before it");
         for (const Struct& earlier : manifest.given.back().structs)
             if (!manifest.find_struct(earlier.name)) manifest.structs.push_back(earlier);
     }
@@ -136,10 +142,11 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
         reader.string("slide", "");
         reader.string("summary", "");
         reader.number("points", 0, Range{0});
+        reader.find("gates");  // the grader's, as the points and the scenes below
         reader.finish();
         manifest.functions.push_back(function);
     }
-    for (TomlReader& reader : root.children("scene")) {  // the grader's; read here only to name a slip of the pen
+    for (TomlReader& reader : root.children("scene")) {  // read here only to name a slip of the pen
         reader.string("file");
         reader.number("points", 0, Range{0});
         reader.finish();

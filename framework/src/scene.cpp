@@ -73,7 +73,9 @@ Light read_light(TomlReader reader) {
 Material read_material(const std::string& name, TomlReader reader, const Manifest& manifest) {
     Material material;
     material.name = name;
-    material.model = reader.choice("model", "", manifest.model_names());
+    std::vector<std::string> models;
+    for (const Function& model : manifest.models()) models.push_back(model.name);
+    material.model = reader.choice("model", "", models);
     const Function& function = *manifest.find_model(material.model);
     for (const Value& member : manifest.find_struct(function.arguments[0].type)->members) {
         const int count = manifest.columns(member.type);

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from shadelab.errors import InfrastructureError
-from shadelab.manifest import Assignment
+from shadelab.manifest import Assignment, load_assignment
 from shadelab.paths import FRAMEWORK, RENDER, STATE
 from shadelab.sandbox import Limits, Sandbox, work_folder
 
@@ -56,12 +56,12 @@ def _architecture() -> list[str]:
 def glue_folder(directory: Path) -> Path:
     """The generated code of an assignment, made anew when its manifests, the framework's headers or the generator changed."""
     sources = [RENDER, FRAMEWORK / "interface.toml", *sorted((FRAMEWORK / "include" / "shadelab").iterdir())]
-    sources += sorted(directory.parent.glob("*/assignment.toml")) + sorted(directory.parent.glob("*/shading.*"))
+    sources.append(directory / "assignment.toml")
+    for given in load_assignment(directory).given:  # their files are part of the glue, the assignment's own are not
+        sources += [given.directory / name for name in ("assignment.toml", *given.files)]
     digest = hashlib.sha256(str(directory).encode())
     for source in sources:
-        # An assignment's own shading files are no part of its glue; those of the given ones are.
-        if source.parent != directory or source.suffix == ".toml":
-            digest.update(source.read_bytes())
+        digest.update(source.read_bytes())
     folder = STATE / "glue" / f"{directory.name}-{digest.hexdigest()[:16]}"
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)

@@ -4,11 +4,12 @@ has no part in; every correct variant and the solution must lose none; the start
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from shadelab.grade import BACKENDS, grade, plan_checks
+import numpy as np
+
+from shadelab.grade import BACKENDS, Grading, grade, plan_checks
 from shadelab.manifest import Assignment
-from shadelab.mistakes import Change, callers, load_changes, write_submission
+from shadelab.mistakes import SUBTLE, Change, callers, load_changes, write_submission
 from shadelab.paths import STARTER
-from shadelab.result import Result
 from shadelab.sandbox import work_folder
 
 STARTER_LIMIT = 0.15
@@ -22,6 +23,7 @@ class Row:
     kind: str  # solution | starter | mistake | variant
     lost: dict[str, float]  # backend -> points lost
     failed: dict[str, list[str]]  # backend -> ids of the failed checks
+    rmse: float  # of the public image that is farthest off, in either language
     faults: list[str] = field(default_factory=list)  # why the grader misses here; empty when all is well
 
 
@@ -48,15 +50,29 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None]) -> 
             folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
             if change is not None:
                 write_submission(assignment, change, folder)
-            rows.append(_judge(assignment, name, kind, change, grade(assignment, folder).result))
+            rows.append(_judge(assignment, name, kind, change, grade(assignment, folder)))
         progress(assignment.name, len(subjects), len(subjects))
     return rows
 
 
-def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, result: Result) -> Row:
+def worst_rmse(assignment: Assignment, grading: Grading) -> float:
+    """Over all numbers of linear float images; infinite when one is missing or not finite."""
+    public = {scene.name for scene in assignment.public_scenes}
+    worst = 0.0
+    for id, pictures in grading.pictures.items():
+        if id.split("/")[-1] in public:
+            actual = pictures.student
+            known = actual is not None and np.isfinite(actual).all()
+            off = actual.astype(np.float64) - pictures.expected if known else np.inf
+            worst = max(worst, float(np.sqrt(np.mean(np.square(off)))))
+    return worst
+
+
+def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, grading: Grading) -> Row:
+    result = grading.result
     lost = {b: sum(c.max_score - c.score for c in result.checks if c.backend == b) for b in BACKENDS}
     failed = {b: [c.id for c in result.checks if c.backend == b and c.status == "failed"] for b in BACKENDS}
-    row = Row(name, kind, lost, failed)
+    row = Row(name, kind, lost, failed, worst_rmse(assignment, grading))
     row.faults += [f"{c.id}: {c.message}" for c in result.checks if c.status == "error"]
     row.faults += [
         f"{c.id} does not build: {c.message}" for c in result.checks if c.kind == "build" and c.status == "failed"
@@ -67,6 +83,8 @@ def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, 
                 f"the starter has {result.score:g} of {result.max_score:g} points, more than {STARTER_LIMIT:.0%}"
             )
     elif kind == "mistake":
+        if change.subtle and row.rmse >= SUBTLE:
+            row.faults.append(f"is declared subtle, but an image's RMSE is {row.rmse:.3g} (subtle is below {SUBTLE:g})")
         allowed = involved(assignment, {change.function})
         for backend in BACKENDS:
             own = f"{backend}/function/{change.function}"

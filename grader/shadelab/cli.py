@@ -123,7 +123,8 @@ def grade(
 
 def _assignment_of_scene(scene: Path, shading: Path | None):
     """The assignment that declares a scene's models: that of --shading, of the scene's folder, or the first that has them."""
-    from shadelab.manifest import assignment_names, find_assignment, load_assignment, read_toml
+    from shadelab.manifest import assignment_names, find_assignment, load_assignment
+    from shadelab.toml_files import read_toml
 
     if shading is not None:
         try:
@@ -386,13 +387,22 @@ def check(
             ("C++", "right"),
             ("GLSL", "right"),
             ("failed", "right"),
+            ("RMSE", "right"),
             ("", "left"),
         ):
             table.add_column(heading, justify=justify)
         for row in rows:
             failed = "/".join(str(len(row.failed[b])) for b in ("cpp", "glsl"))
             verdict = "ok" if not row.faults else "MISSED"
-            table.add_row(row.name, row.kind, f"{row.lost['cpp']:.1f}", f"{row.lost['glsl']:.1f}", failed, verdict)
+            table.add_row(
+                row.name,
+                row.kind,
+                f"{row.lost['cpp']:.1f}",
+                f"{row.lost['glsl']:.1f}",
+                failed,
+                f"{row.rmse:.2g}",
+                verdict,
+            )
         output.print(table)
         for row in rows:
             for fault in row.faults:

@@ -1,7 +1,7 @@
 """Expected data: what the double build of the solution computes. It is all that grading knows of the solution.
 
 Below .shadelab/expected/NAME/DIGEST/ stand, named by a digest of everything that they depend on:
-    functions.npz       per function: FUNCTION.rows (float32 inputs) and FUNCTION.truth (float64)
+    functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.floor (float64)
     SCENE.npz           the film's layers (float32) and the mask of pixels that are judged
     SCENE.packet        the frame packet for the OpenGL client
     done                written last: a set without it is made again
@@ -22,10 +22,11 @@ import numpy as np
 from shadelab.build import BuildError
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate
-from shadelab.manifest import Assignment, Function, Scene, read_toml
+from shadelab.manifest import Assignment, Function, Scene
 from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, shown
 from shadelab.sandbox import Limits, Sandbox
-from shadelab.tables import make_table, renormalised
+from shadelab.tables import jittered, make_table, on_gate, renormalised
+from shadelab.toml_files import read_toml
 
 PUBLIC_SEED = 6837
 
@@ -52,6 +53,15 @@ class SceneTruth:
 
 
 @dataclass
+class Table:
+    """What a function is judged by."""
+
+    rows: np.ndarray  # (N, columns) float32
+    truth: np.ndarray  # (N, results) float64
+    floor: np.ndarray  # as truth: what rounding of the inputs alone may change
+
+
+@dataclass
 class Expected:
     folder: Path
 
@@ -59,9 +69,8 @@ class Expected:
     def functions(self) -> dict[str, np.ndarray]:
         return dict(np.load(self.folder / "functions.npz", allow_pickle=False))
 
-    def table(self, function: Function) -> tuple[np.ndarray, np.ndarray]:
-        """The rows and the truth."""
-        return self.functions[f"{function.name}.rows"], self.functions[f"{function.name}.truth"]
+    def table(self, function: Function) -> Table:
+        return Table(*(self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "floor")))
 
     def scene(self, scene: Scene) -> SceneTruth:
         data = np.load(self.folder / f"{scene.name}.npz", allow_pickle=False)
@@ -113,7 +122,9 @@ def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.nd
 def digest(assignment: Assignment) -> str:
     """Of everything that the expected data depends on: code, manifests, scenes, meshes."""
     here = Path(__file__).parent
-    files = [here / name for name in ("build.py", "evidence.py", "expected.py", "manifest.py", "tables.py")]
+    files = [
+        here / name for name in ("build.py", "evidence.py", "expected.py", "hidden.py", "manifest.py", "tables.py")
+    ]
     files += [FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt"]
     for folder in ("include", "src", "render"):
         files += sorted(f for f in (FRAMEWORK / folder).rglob("*") if f.is_file())
@@ -157,10 +168,16 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
     for function in assignment.functions:
         progress(f"reference {assignment.name}: {function.name}")
         rows = make_table(assignment, function, PUBLIC_SEED)
-        output = runner.evaluate(Evaluate(function, renormalised(assignment, function, rows)))
+        exact = renormalised(assignment, function, rows)
+        inputs = np.concatenate([exact, *jittered(assignment, function, exact)])
+        output = runner.evaluate(Evaluate(function, inputs))
         if output.array is None:
             raise UserError(f"{shown(assignment.directory)}: {function.name} {output.failure}")
-        arrays[f"{function.name}.rows"], arrays[f"{function.name}.truth"] = rows, output.array
+        truth, *nearby = output.array.reshape(-1, *output.array[: len(rows)].shape)
+        arrays[f"{function.name}.rows"], arrays[f"{function.name}.truth"] = rows, truth
+        with np.errstate(invalid="ignore"):
+            floor = np.nan_to_num(np.abs(np.array(nearby) - truth)).max(axis=0)
+        arrays[f"{function.name}.floor"] = np.where(on_gate(function, len(rows))[:, None], 0.0, floor)
     np.savez(scratch / "functions.npz", **arrays)
     for scene in assignment.scenes:
         if missing_meshes(scene):

@@ -20,11 +20,12 @@ from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes
 from shadelab.findings import judge_function, judge_image
-from shadelab.manifest import Assignment, Function, Scene, find_assignment, named_arrays, read_toml
+from shadelab.manifest import Assignment, Function, Scene, find_assignment, named_arrays
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
 from shadelab.result import Check, Result
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
+from shadelab.toml_files import read_toml
 
 BACKENDS = ("cpp", "glsl")
 
@@ -58,11 +59,13 @@ def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]
     for backend in BACKENDS:
         build = Plan(f"{backend}/build", "build", backend, 0.0, None)
         wanted = [
-            Plan(f"{backend}/function/{f.name}", "function", backend, f.points / 2, f) for f in assignment.functions
+            Plan(f"{backend}/function/{f.name}", "function", backend, f.points / 2, f)
+            for f in assignment.functions
+            if f.graded
         ]
         for scene in assignment.scenes:
             models = {m["model"] for m in read_toml(scene.file).get("material", {}).values()}
-            functions = [f"{backend}/function/{f.name}" for f in assignment.functions if f.name in models]
+            functions = [f"{backend}/function/{f.name}" for f in assignment.functions if f.graded and f.name in models]
             wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, functions))
         wanted = [p for p in wanted if fnmatch(p.id, only)]
         plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
@@ -88,7 +91,7 @@ def grade(
         assignment=assignment.name,
         submission="sha256:" + submission_digest(assignment, submission),
         max_score=round(sum(p.points for backend in plans.values() for p in backend if not _absent(p)), 6),
-        environment=environment(expected),
+        environment=environment(assignment, expected),
     )
     grading = Grading(result)
     lock = threading.Lock()
@@ -182,18 +185,17 @@ def _grade_backend(
     # Functions first: a scene whose model never ends would only use up the time again.
     hung: set[str] = set()
     functions = [p for p in plans if isinstance(p.item, Function)]
-    tasks: list[Task] = [Evaluate(p.item, expected.table(p.item)[0]) for p in functions]
+    tasks: list[Task] = [Evaluate(p.item, expected.table(p.item).rows) for p in functions]
     for plan, output in _outputs(runner, functions, tasks):
         if isinstance(output, InfrastructureError):
             record(_our_fault(plan, output))
             continue
-        rows, truth = expected.table(plan.item)
         if output.array is None:
             check = _check(plan, "failed", f"{plan.item.name} {output.failure}")
             if output.hung:
                 hung.add(plan.id)
         else:
-            check = judge_function(assignment, plan.item, backend, plan.points, rows, truth, output.array)
+            check = judge_function(assignment, plan.item, backend, plan.points, expected.table(plan.item), output.array)
         record(_finished(check, output))
 
     scenes = []
@@ -304,7 +306,7 @@ def submission_digest(assignment: Assignment, submission: Path) -> str:
     return total.hexdigest()
 
 
-def environment(expected: Expected) -> dict[str, str]:
+def environment(assignment: Assignment, expected: Expected) -> dict[str, str]:
     cpu = platform.machine()
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
@@ -317,6 +319,6 @@ def environment(expected: Expected) -> dict[str, str]:
         "cpu": cpu,
         "sandbox": Sandbox.name,
         "expected": expected.folder.name,
-        "seed_digest": "public",
+        "seed_digest": assignment.hidden.seed_digest,
         "version": __version__,
     }

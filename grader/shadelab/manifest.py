@@ -1,36 +1,30 @@
 """What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this."""
 
-import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from shadelab.errors import UserError
+from shadelab.hidden import Hidden, hidden_scene_files
 from shadelab.paths import FRAMEWORK, SOLUTION, shown
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from shadelab.toml_files import Declared, read_toml, validated
 
 # The number of columns that a value of each type flattens to.
 _widths = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}
 _types = {"unit": "vec3", "position": "vec3", "rgb": "vec3", "cosine": "Real", "angle": "Real"}
 
 
-class _Declared(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class Domain(_Declared):
+class Domain(Declared):
     """Where an argument's values lie. `kind` is unit, upper, position, rgb, cosine, angle, range or struct."""
 
     kind: str = "range"
     type: str = "Real"
-    base: str | None = None  # of upper(base): the unit argument that spans the hemisphere
+    base: str | None = None  # of upper(base) and upper(-base): the unit argument that spans the hemisphere
+    opposite: bool = False  # upper(-base)
     range: tuple[float, float] | None = None
     typical: tuple[float, float] | None = None
     scale: str = "linear"
@@ -41,7 +35,8 @@ class Domain(_Declared):
         if not isinstance(data, str):
             return data
         if data.startswith("upper(") and data.endswith(")"):
-            return {"kind": "upper", "type": "vec3", "base": data[6:-1]}
+            base = data[6:-1]
+            return {"kind": "upper", "type": "vec3", "base": base.removeprefix("-"), "opposite": base.startswith("-")}
         if data in _types:
             return {"kind": data, "type": _types[data]}
         return {"kind": "struct", "type": data}
@@ -59,7 +54,7 @@ def _values(entries: list[dict[str, Domain]]) -> list[Value]:
     return [Value(name, domain) for entry in entries for name, domain in entry.items()]
 
 
-class Struct(_Declared):
+class Struct(Declared):
     name: str
     members: list[dict[str, Domain]]
 
@@ -68,17 +63,24 @@ class Struct(_Declared):
         return _values(self.members)
 
 
-class Function(_Declared):
+class Function(Declared):
     name: str
     arguments: list[dict[str, Domain]]
     returns: str
     summary: str = ""
     slide: str = ""
     points: float = Field(0, ge=0)
+    # Rows of the table that stand on a stated edge case: column -> constant, or the name of the column that it copies.
+    gates: list[dict[str, float | list[float] | str]] = []
 
     @property
     def values(self) -> list[Value]:
         return _values(self.arguments)
+
+    @property
+    def graded(self) -> bool:
+        """Without points it is a worked example, or code that students get already written."""
+        return self.points > 0
 
     @property
     def is_model(self) -> bool:
@@ -86,12 +88,12 @@ class Function(_Declared):
         return self.returns == "Terms" and bool(self.arguments)
 
 
-class SceneEntry(_Declared):
+class SceneEntry(Declared):
     file: str
     points: float = Field(0, ge=0)
 
 
-class _Manifest(_Declared):
+class _Manifest(Declared):
     name: str
     title: str
     files: list[str]
@@ -101,7 +103,7 @@ class _Manifest(_Declared):
     scene: list[SceneEntry] = []
 
 
-class _Interface(_Declared):
+class _Interface(Declared):
     struct: list[Struct]
 
 
@@ -118,6 +120,14 @@ class Column:
         return self.path if self.width == 1 else f"{self.path}.{'xyzw'[self.index]}"
 
 
+@dataclass(frozen=True)
+class Scene:
+    name: str
+    file: Path
+    points: float
+    hidden: bool = False  # students see neither its picture nor its file
+
+
 @dataclass
 class Assignment:
     name: str
@@ -127,7 +137,14 @@ class Assignment:
     given: list["Assignment"]
     structs: dict[str, Struct]
     functions: list[Function]
-    scenes: list["Scene"] = field(default_factory=list)
+    public_scenes: list[Scene]
+    hidden: Hidden
+
+    @cached_property
+    def scenes(self) -> list[Scene]:
+        """The public ones, then those drawn from hidden.toml."""
+        drawn = hidden_scene_files(self.hidden, self.directory, self.name)
+        return [*self.public_scenes, *(Scene(file.stem, file, points, hidden=True) for file, points in drawn)]
 
     def function(self, name: str) -> Function:
         for function in self.functions:
@@ -158,14 +175,8 @@ class Assignment:
 
     @property
     def points(self) -> float:
-        return sum(f.points for f in self.functions) + sum(s.points for s in self.scenes)
-
-
-@dataclass(frozen=True)
-class Scene:
-    name: str
-    file: Path
-    points: float
+        scenes = sum(s.points for s in self.public_scenes) + sum(f.points * f.scenes for f in self.hidden.family)
+        return sum(f.points for f in self.functions) + scenes
 
 
 def named_arrays(columns: list[Column], rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -198,25 +209,6 @@ def flat_rows(columns: list[Column], arrays: dict[str, np.ndarray], dtype: type 
     return np.ascontiguousarray(np.concatenate(parts, axis=1))
 
 
-def read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text())
-    except FileNotFoundError:
-        raise UserError(f"{shown(file)}: cannot be read; does the file exist?") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{shown(file)}: not valid TOML: {error}") from None
-
-
-def validated(model: type[BaseModel], file: Path) -> Any:
-    """The file as `model`. A mistake becomes one line that names the file and the key."""
-    try:
-        return model.model_validate(read_toml(file))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"{shown(file)}: {where}: {first['msg'].lower()}") from None
-
-
 def load_assignment(directory: Path) -> Assignment:
     file = directory / "assignment.toml"
     manifest: _Manifest = validated(_Manifest, file)
@@ -229,8 +221,10 @@ def load_assignment(directory: Path) -> Assignment:
     assignment = Assignment(
         manifest.name, manifest.title, directory, manifest.files, given, structs, manifest.function,
         [Scene(Path(s.file).stem, (directory / s.file).resolve(), s.points) for s in manifest.scene],
+        validated(Hidden, hidden) if (hidden := directory / "hidden.toml").exists() else Hidden(),
     )  # fmt: skip
     for function in assignment.functions:
+        _check_gates(assignment, function, file)
         names = [v.name for v in function.values]
         for value in function.values:
             if value.domain.kind == "struct" and value.domain.type not in structs:
@@ -240,6 +234,19 @@ def load_assignment(directory: Path) -> Assignment:
                     f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument"
                 )
     return assignment
+
+
+def _check_gates(assignment: Assignment, function: Function, file: Path) -> None:
+    widths = {c.path: c.width for c in assignment.input_columns(function)}
+    for gate in function.gates:
+        for path, value in gate.items():
+            where = f"{shown(file)}: {function.name}.gates: {path}"
+            if path not in widths:
+                raise UserError(f"{where} is no column; there is {', '.join(widths)}")
+            if isinstance(value, str) and widths.get(value) != widths[path]:
+                raise UserError(f"{where} = {value}: there is no such column, or it is not as wide")
+            if not isinstance(value, str) and np.size(value) != widths[path]:
+                raise UserError(f"{where} needs {widths[path]} numbers")
 
 
 def assignment_names() -> list[str]:

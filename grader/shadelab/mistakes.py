@@ -4,6 +4,7 @@
 id = "phong-lobe-exponent-forgotten"
 function = "phong_lobe"
 hint = "..."                      # leads to the mistake without giving the line away
+subtle = true                     # hardly to be seen: the RMSE of every image stays below SUBTLE
 body = '''...'''                  # stands in both languages; cpp and glsl override it
 
 [[variant]]                       # correct, written another way: must lose nothing
@@ -17,18 +18,21 @@ from pathlib import Path
 from pydantic import model_validator
 
 from shadelab.errors import UserError
-from shadelab.manifest import Assignment, _Declared, validated
+from shadelab.manifest import Assignment
 from shadelab.paths import shown
+from shadelab.toml_files import Declared, validated
 
+SUBTLE = 0.01
 BACKENDS = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
 
 
-class Change(_Declared):
+class Change(Declared):
     """A mistake (one function, with a hint) or a variant (one or more functions)."""
 
     id: str
     function: str = ""
     hint: str = ""
+    subtle: bool = False
     body: str | None = None
     cpp: str | None = None
     glsl: str | None = None
@@ -46,7 +50,7 @@ class Change(_Declared):
         return {self.function: getattr(self, backend) or self.body}
 
 
-class Changes(_Declared):
+class Changes(Declared):
     mistake: list[Change] = []
     variant: list[Change] = []
 

@@ -13,6 +13,8 @@ ROWS = 4096
 # float32 inputs decide which side of the horizon a direction lies on only down to about 1e-7; nearer rows would judge rounding.
 NEAREST_HORIZON = 1e-6
 NEAREST_PEAK = 1e-4
+GATE_STRIDE = 16
+JITTERS = 8
 
 
 def make_table(assignment: Assignment, function: Function, seed: int, rows: int = ROWS) -> np.ndarray:
@@ -20,6 +22,7 @@ def make_table(assignment: Assignment, function: Function, seed: int, rows: int 
     rng = np.random.default_rng([seed, *function.name.encode()])
     drawn: dict[str, np.ndarray] = {}
     _draw_values(assignment, function.values, "", rows, rng, drawn)
+    _axis_rows(function, drawn)
     _gate_rows(function, drawn)
     columns = assignment.input_columns(function)
     paths = list(dict.fromkeys(c.path for c in columns))
@@ -40,11 +43,13 @@ def _draw_values(
         if value.domain.kind == "struct":
             _draw_values(assignment, assignment.structs[value.domain.type].values, path + ".", rows, rng, drawn)
         elif value.domain.kind == "upper":
-            normal = drawn[prefix + value.domain.base]
+            normal = drawn[prefix + value.domain.base] * (-1 if value.domain.opposite else 1)
             others = [
                 drawn[prefix + v.name]
                 for v in values
-                if v.domain.kind == "upper" and v.domain.base == value.domain.base and prefix + v.name in drawn
+                if (v.domain.kind, v.domain.base, v.domain.opposite)
+                == ("upper", value.domain.base, value.domain.opposite)
+                and prefix + v.name in drawn
             ]
             drawn[path] = _upper(normal, others, rng)
         else:
@@ -105,9 +110,9 @@ def _upper(normal: np.ndarray, others: list[np.ndarray], rng: np.random.Generato
     return _unit(np.where((rng.random(rows) < 0.5)[:, None], uniform, near))
 
 
-def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
-    """The last rows stand exactly on the gates (on the horizon, opposite, equal), with every combination of axis-aligned
-    directions: their dot products are exact in every arithmetic."""
+def _axis_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
+    """The last rows stand exactly on the horizon, opposite and equal: every combination of axis-aligned directions, whose dot
+    products are exact in every arithmetic."""
     directions = [v.name for v in function.values if v.domain.kind in ("unit", "upper")]
     if len(directions) < 2:
         return
@@ -115,6 +120,13 @@ def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
     for row in range(6 ** len(directions)):
         for k, name in enumerate(directions):
             drawn[name][-1 - row] = axes[(row // 6**k) % 6]
+
+
+def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
+    """Each declared gate is put into every 16th row, axis-aligned ones included, from another row on."""
+    for k, gate in enumerate(function.gates):
+        for path, value in gate.items():
+            drawn[path][k::GATE_STRIDE] = drawn[value][k::GATE_STRIDE] if isinstance(value, str) else value
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -134,3 +146,17 @@ def renormalised(assignment: Assignment, function: Function, rows: np.ndarray) -
             vectors = out[:, k : k + 3]
             out[:, k : k + 3] = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return out
+
+
+def jittered(assignment: Assignment, function: Function, rows: np.ndarray) -> list[np.ndarray]:
+    """The rows several times over, each number off by at most half a unit in float32's last place: what any float32
+    computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon."""
+    rng = np.random.default_rng(JITTERS)
+    whole = np.array([c.domain.type == "int" for c in assignment.input_columns(function)])
+    size = np.where(whole, 0.0, 2.0**-24)
+    return [rows * (1 + size * rng.uniform(-1, 1, rows.shape)) for _ in range(JITTERS)]
+
+
+def on_gate(function: Function, rows: int) -> np.ndarray:
+    """Which rows stand on a declared gate. Their inputs are exact, so rounding is no excuse there."""
+    return np.arange(rows) % GATE_STRIDE < len(function.gates)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, scene_mask
+from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table, scene_mask
 from shadelab.findings import EDGE_CAP, FULL_MARKS, interior_score, judge_function, judge_image
 from shadelab.manifest import Scene, load_assignment
 from shadelab.tables import NEAREST_HORIZON, make_table, renormalised
@@ -110,7 +110,8 @@ def test_a_scene_of_edges_is_an_error_and_no_pass():
 def judged(function, backend, change):
     rows = make_table(PHONG, function, 1)
     truth = np.abs(renormalised(PHONG, function, rows)[:, :1])
-    return judge_function(PHONG, function, backend, 4.0, rows, truth, change(truth.copy(), rows)), rows, truth
+    table = Table(rows, truth, np.zeros_like(truth))
+    return judge_function(PHONG, function, backend, 4.0, table, change(truth.copy(), rows)), rows, truth
 
 
 def test_function_limits_differ_by_backend():

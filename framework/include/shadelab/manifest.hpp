@@ -35,12 +35,12 @@ struct Manifest {
     std::filesystem::path directory;
     std::vector<std::string> files;   ///< what a submission consists of, e.g. shading.cpp and shading.glsl
     std::vector<Struct> structs;      ///< the framework's own first, then those of given assignments, then this one's
-    std::vector<Function> functions;  ///< this assignment's graded functions
-    std::vector<Manifest> given;      ///< earlier assignments whose solution the student builds on
+    std::vector<Function> functions;  ///< this assignment's own: graded ones, worked examples, code already written
+    std::vector<Manifest> given;  ///< earlier assignments whose solution the student builds on: all of them, in order
 
     const Struct* find_struct(const std::string& type) const;
     const Function* find_model(const std::string& model) const;  ///< among given assignments too
-    std::vector<std::string> model_names() const;
+    std::vector<Function> models() const;  ///< this assignment's first, then those of the given ones
 
     /// The numbers that a value of this type flattens to (a struct's members in order): "position.x" is one column.
     int columns(const std::string& type) const;
