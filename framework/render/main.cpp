@@ -101,9 +101,9 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
     out << "{\"triangles\": " << s.triangles << ", \"clipped_triangles\": " << s.clipped_triangles
         << ", \"dropped_triangles\": " << dropped << ", \"cancelled_vertex_normals\": " << cancelled
         << ", \"not_finite_vertices\": " << s.not_finite_vertices << ", \"fragments\": " << s.fragments
-        << ", \"fallback_normals\": " << s.fallback_normals << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms
-        << ", \"bins\": " << s.bin_ms << ", \"tiles\": " << s.tile_ms
-        << "}, \"not_finite_fragments\": " << s.not_finite_fragments;
+        << ", \"fallback_normals\": " << s.fallback_normals << ", \"lights_at_surface\": " << s.lights_at_surface
+        << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms << ", \"bins\": " << s.bin_ms
+        << ", \"tiles\": " << s.tile_ms << "}, \"not_finite_fragments\": " << s.not_finite_fragments;
     if (s.first_not_finite) {
         const NotFinite& f = *s.first_not_finite;
         out << ", \"first_not_finite\": {\"x\": " << f.x << ", \"y\": " << f.y << ", \"material\": \"" << f.material
@@ -122,6 +122,10 @@ void report(const DrawStatistics& s) {
     if (s.fallback_normals)
         std::cerr << "note: at " << s.fallback_normals
                   << " fragments the vertex normals cancel; the face normal is used\n";
+    if (s.lights_at_surface)
+        std::cerr << "note: " << s.lights_at_surface
+                  << " times a light stands at the very point that is shaded; it has no direction there and should "
+                     "give nothing\n";
     if (!s.first_not_finite) return;
     const NotFinite& f = *s.first_not_finite;
     std::fprintf(stderr,

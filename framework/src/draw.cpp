@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 namespace shadelab {
@@ -30,6 +31,7 @@ struct DrawnObject {
     bool normals_can_cancel;
     const plugin::Model<Real>* model;
     std::vector<Real> material;
+    std::vector<glm::vec<3, Real>> lights_within;  ///< positions of the lights inside of its bounding box
 };
 
 template <class Real>
@@ -51,15 +53,21 @@ struct Frame {
     }
 };
 
-/// Adds every light's contribution to the batch's out arrays, one light at a time.
+/// Adds every light's contribution to the batch's out arrays, one light at a time. Returns how often a light stands at the very
+/// point that it should light: it has no direction there, and functions are to give 0.
 template <class Real>
-void shade(const Frame<Real>& frame, const DrawnObject<Real>& object, FragmentBatch<Real>& batch) {
+int64_t shade(const Frame<Real>& frame, const DrawnObject<Real>& object, FragmentBatch<Real>& batch) {
     for (int k = 0; k < frame.layers_out; ++k) std::fill(batch.out[k], batch.out[k] + batch.count, Real(0));
     plugin::Batch<Real> arguments{batch.count, {}, {}};
     for (int k = 0; k < 9; ++k) arguments.in[k] = batch.in[k];
     for (int k = 0; k < 12; ++k) arguments.out[k] = batch.out[k];
     for (const std::vector<Real>& light : frame.lights)
         object.model->shade[int(light[0])](arguments, object.material.data(), light.data());
+    int64_t at_surface = 0;
+    for (const glm::vec<3, Real>& light : object.lights_within)
+        for (int i = 0; i < batch.count; ++i)
+            at_surface += (batch.in[3][i] == light.x) & (batch.in[4][i] == light.y) & (batch.in[5][i] == light.z);
+    return at_surface;
 }
 
 // ---------------------------------------------------------------------------------------------- stage 1: vertices
@@ -71,7 +79,7 @@ template <class Real>
 DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh,
                                  const glm::dmat4& world_to_clip, uint32_t first_triangle) {
     using vec3 = glm::vec<3, Real>;
-    DrawnObject<Real> drawn{&object, &mesh, {}, first_triangle, Real(1), false, nullptr, {}};
+    DrawnObject<Real> drawn{&object, &mesh, {}, first_triangle, Real(1), false, nullptr, {}, {}};
     const glm::dmat4 object_to_clip = world_to_clip * object.to_world;
     const glm::dmat3 linear(object.to_world);
     const glm::mat4 clip_matrix(object_to_clip);
@@ -98,6 +106,13 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
         out.normal[i] = glm::normalize(normal_matrix * vec3(mesh.normals[i]));
     }
 
+    vec3 low(std::numeric_limits<Real>::infinity()), high = -low;
+    for (const vec3& x : out.position) low = glm::min(low, x), high = glm::max(high, x);
+    for (const std::vector<Real>& light : frame.lights)
+        if (const vec3 x(light[1], light[2], light[3]); LightKind(int(light[0])) != LightKind::directional)
+            if (glm::all(glm::lessThanEqual(low, x)) && glm::all(glm::lessThanEqual(x, high)))
+                drawn.lights_within.push_back(x);
+
     const Material& material = frame.scene.materials[object.material];
     for (int k = 0; k < frame.plugin.model_count; ++k)
         if (material.model == frame.plugin.models[k].name) drawn.model = &frame.plugin.models[k];
@@ -107,11 +122,12 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
 
 /// Gouraud: the student's function is evaluated at the vertices, its colours are interpolated later.
 template <class Real>
-void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object) {
+void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object, int64_t& lights_at_surface) {
     VertexStream<Real>& vertices = object.vertices;
     const int count = int(vertices.position.size()), capacity = FragmentBatch<Real>::capacity;
     vertices.colour.resize(count);
-#pragma omp parallel
+    int64_t at_surface = 0;
+#pragma omp parallel reduction(+ : at_surface)
     {
         auto batch = std::make_unique<FragmentBatch<Real>>();
 #pragma omp for schedule(dynamic)
@@ -125,11 +141,12 @@ void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object) {
                     batch->in[6 + k][i] = v[k];
                 }
             }
-            shade(frame, object, *batch);
+            at_surface += shade(frame, object, *batch);
             for (int i = 0; i < batch->count; ++i)
                 for (int k = 0; k < frame.layers_out; ++k) vertices.colour[start + i][k] = batch->out[k][i];
         }
     }
+    lights_at_surface += at_surface;
 }
 
 // ---------------------------------------------------------------------------------------------- stages 2 and 3: bins
@@ -392,6 +409,7 @@ void for_each_batch(const Frame<Real>& frame, std::vector<Fragment>& fragments, 
 void merge(DrawStatistics& into, const DrawStatistics& from) {
     into.fragments += from.fragments;
     into.fallback_normals += from.fallback_normals;
+    into.lights_at_surface += from.lights_at_surface;
     into.not_finite_fragments += from.not_finite_fragments;
     const auto& a = from.first_not_finite;
     const auto& b = into.first_not_finite;
@@ -418,7 +436,8 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
         triangle_count += uint32_t(meshes[i].triangle_count());
     }
     for (DrawnObject<Real>& object : frame.objects)
-        if (object.object->interpolation == Interpolation::gouraud) shade_vertices(frame, object);
+        if (object.object->interpolation == Interpolation::gouraud)
+            shade_vertices(frame, object, statistics.lights_at_surface);
     const double vertices_done = now_ms();
 
     const TileGrid grid(film.width, film.height);
@@ -450,7 +469,7 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
             for_each_batch(frame, fragments, [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
                 batch->count = count;
                 interpolate(frame, object, run, *batch, mine.fallback_normals);
-                if (object.vertices.colour.empty()) shade(frame, object, *batch);
+                if (object.vertices.colour.empty()) mine.lights_at_surface += shade(frame, object, *batch);
                 write_colours(frame, object, *batch, mine);
                 if (features.geometry_layers && samples == 1) write_geometry(frame, object, tile, run, origin, *batch);
                 mine.fragments += count;

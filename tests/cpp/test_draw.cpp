@@ -433,6 +433,23 @@ TEMPLATE_TEST_CASE("normals are unit vectors between the vertices' after interpo
     CHECK(drawn.statistics.fallback_normals == 0);
 }
 
+TEST_CASE("a light at the very point that is shaded is counted") {
+    Scene scene = scene_with("normal", 61, 61);
+    scene.camera.eye = {0, 0, 2};
+    const Mesh mesh = mesh_of({{0, 1, 0.25}, {-2, -1, 0}, {2, -1, 0}}, {0, 1, 2});
+    const Drawn before = draw_scene<float>(scene, {mesh});
+    const float* x = before.pixel("position", 30, 33);
+    scene.lights = {Light{LightKind::point}, Light{LightKind::point}, Light{LightKind::directional}};
+    scene.lights[0].position = scene.lights[2].position = {x[0], x[1], x[2]};
+    scene.lights[1].position = {x[0], x[1], x[2] + 1e-3};
+    for (Light& light : scene.lights) light.intensity = glm::dvec3(1);
+    CHECK(draw_scene<float>(scene, {mesh}).statistics.lights_at_surface == 1);
+    scene.objects[0].interpolation = Interpolation::gouraud;
+    CHECK(draw_scene<float>(scene, {mesh}).statistics.lights_at_surface == 0);
+    scene.lights[1].position = {-2, -1, 0};
+    CHECK(draw_scene<float>(scene, {mesh}).statistics.lights_at_surface == 1);
+}
+
 TEMPLATE_TEST_CASE("where vertex normals cancel the face normal stands in, and is counted", "", float, double) {
     // A triangle parallel to the film with normals +z, -z, -z: along the line of weight 1/2 of the first corner they cancel.
     // With an odd number of rows that line, half the triangle's height, is the middle row of pixels. |2 w - 1| passes 1e-4 in

@@ -273,7 +273,7 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         // names
         {"kind = \"point\"", "kind = \"area\"", "light[0].kind", "must be point, directional or spot, not \"area\""},
         {"model = \"phong\"", "model = \"cook_torrance\"", "material.clay.model",
-         "must be phong or blinn_phong, not \"cook_torrance\""},
+         "blinn_phong_ngan, lambert or lambert_physical, not \"cook_torrance\""},
         {"material = \"clay\"", "material = \"gold\"", "object[0].material",
          "no [material.gold] in this file; there is brass or clay"},
         {"normals = \"flat\"", "normals = \"hard\"", "object[0].normals", "must be smooth, flat or file, not \"hard\""},
@@ -370,7 +370,10 @@ TEST_CASE("the manifest: structs of the framework and of given assignments, mode
     CHECK(phong.name == "phong");
     REQUIRE(phong.given.size() == 1);
     CHECK(phong.given[0].name == "lights");
-    CHECK(phong.model_names() == std::vector<std::string>{"phong", "blinn_phong"});
+    std::vector<std::string> models;
+    for (const Function& model : phong.models()) models.push_back(model.name);
+    CHECK(models == std::vector<std::string>{"phong", "blinn_phong", "phong_physical", "blinn_phong_ngan", "lambert",
+                                             "lambert_physical"});
     REQUIRE(phong.find_model("phong"));
     CHECK(phong.find_model("phong")->arguments[0].type == "Phong");
     CHECK(phong.find_model("mirror_direction") == nullptr);  // a function, not a model
@@ -379,4 +382,27 @@ TEST_CASE("the manifest: structs of the framework and of given assignments, mode
     CHECK(phong.columns("Real") == 1);
     CHECK(phong.columns(phong.find_model("phong")->arguments) == 10 + 3 * 3);
     CHECK(phong.find_struct("Nothing") == nullptr);
+}
+
+TEST_CASE("given assignments stand in the order in which they build on each other") {
+    const TemporaryFolder folder;
+    const auto declare = [&](const std::string& name, const std::string& given) {
+        std::filesystem::create_directory(folder / name);
+        std::ofstream(folder / name / "assignment.toml")
+            << "name = \"" << name << "\"\ntitle = \"\"\nfiles = []\ngiven = [" << given << "]\n"
+            << "[[function]]\nname = \"" << name
+            << "_model\"\narguments = [{ light = \"Light\" }]\nreturns = \"Terms\"\n";
+    };
+    const auto load = [&](const std::string& name) {
+        return load_manifest(folder / name, SHADELAB_ROOT "/framework/interface.toml");
+    };
+    declare("first", "");
+    declare("second", "\"first\"");
+    declare("third", "\"first\", \"second\"");
+    CHECK(load("third").models().size() == 3);  // each once, however many build on it
+    for (const std::string given : {"\"second\"", "\"second\", \"first\""}) {
+        declare("wrong", given);
+        CHECK_THROWS_WITH(load("wrong"),
+                          Contains("assignment.toml:4: given: second builds on first: list first before it"));
+    }
 }

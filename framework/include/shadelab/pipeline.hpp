@@ -97,6 +97,8 @@ struct DrawStatistics {
     int64_t triangles = 0, clipped_triangles = 0, not_finite_vertices = 0;
     int64_t fragments = 0;         ///< shaded
     int64_t fallback_normals = 0;  ///< interpolated normals that cancelled and became the face normal
+    int64_t lights_at_surface =
+        0;  ///< a light at the very point that is shaded: it has no direction, and gives nothing
     int64_t not_finite_fragments = 0;
     std::optional<NotFinite> first_not_finite;
     double vertex_ms = 0, bin_ms = 0, tile_ms = 0;
