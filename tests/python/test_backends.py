@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import CHANNELS, load, missing_meshes
+from shadelab.evidence import CppRunner, Draw, GlslRunner
+from shadelab.expected import CHANNELS, INTERIOR, load, missing_meshes
 from shadelab.findings import ABSOLUTE, RELATIVE
 from shadelab.glcontext import try_ways
-from shadelab.manifest import load_assignment
+from shadelab.manifest import assignment_names, load_assignment
+from shadelab.paths import RENDER
+from shadelab.sandbox import Sandbox
 
-PHONG = load_assignment(ROOT / "solution" / "phong")
+ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
+PHONG = next(a for a in ASSIGNMENTS if a.name == "phong")
 
 
 @pytest.fixture(scope="module")
@@ -47,22 +51,31 @@ def images(tmp_path_factory):
     return draw
 
 
-@pytest.mark.parametrize("scene", PHONG.scenes, ids=lambda s: s.name)
-def test_cpp_and_glsl_agree(images, scene):
-    if missing_meshes(scene):
-        pytest.skip(f"{missing_meshes(scene)[0].name} is not on this machine")
-    cpp, glsl = images(scene, "cpp"), images(scene, "glsl")
-    truth = load(PHONG).scene(scene)
-    ids = CHANNELS["id"]
-    assert (cpp[..., ids] == glsl[..., ids]).mean() >= 0.9999
-    assert (cpp[..., CHANNELS["coverage"]] == glsl[..., CHANNELS["coverage"]]).mean() >= 0.9999
-    total = CHANNELS["total"]
-    reference = cpp[..., total].astype(float)
-    limit = RELATIVE * np.abs(reference) + ABSOLUTE * np.percentile(np.abs(reference[truth.mask == 1]), 95)
-    interior = truth.mask == 1
-    assert interior.sum() > 0.5 * (truth.layer("id") > 0).sum()
-    violations = (~(np.abs(cpp[..., total] - glsl[..., total]) <= limit).all(axis=2)) & interior
-    assert violations.sum() == 0
+@pytest.mark.parametrize("assignment", ASSIGNMENTS, ids=lambda a: a.name)
+def test_cpp_and_glsl_agree_on_every_scene(assignment, tmp_path):
+    scenes = [s for s in assignment.scenes if not missing_meshes(s)]
+    tasks = []
+    for scene in scenes:
+        packet = tmp_path / f"{scene.name}.packet"
+        command = [RENDER, "packet", scene.file, "--assignment", assignment.directory, "--layers", "-o", packet]
+        subprocess.run(command, check=True)
+        tasks.append(Draw(scene, packet, layers="all"))
+    runners = [CppRunner(assignment, Sandbox(tmp_path / "cpp")), GlslRunner(assignment, Sandbox(tmp_path / "glsl"))]
+    for runner in runners:
+        runner.build(assignment.directory)
+    expected, seen = load(assignment), 0
+    for scene, (_, one), (_, other) in zip(scenes, *(runner.run(tasks) for runner in runners)):
+        cpp, glsl, truth = one.array, other.array, expected.scene(scene)
+        for layer in ("id", "coverage"):
+            assert (cpp[..., CHANNELS[layer]] == glsl[..., CHANNELS[layer]]).mean() >= 0.9999, scene.name
+        total, interior = CHANNELS["total"], truth.mask == INTERIOR
+        assert interior.sum() > 0.5 * (truth.layer("id") > 0).sum(), scene.name
+        reference = truth.layer("total").astype(float)
+        limit = RELATIVE * np.abs(reference) + ABSOLUTE * np.percentile(np.abs(reference[interior]), 95)
+        for a, b in ((cpp[..., total], glsl[..., total]), (cpp[..., total], reference), (glsl[..., total], reference)):
+            assert not (~(np.abs(a - b) <= limit).all(axis=2) & interior).any(), scene.name
+        seen += 1
+    assert seen == len(scenes) >= 6
 
 
 def test_four_samples_agree(images):
