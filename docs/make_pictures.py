@@ -40,7 +40,7 @@ def rendered(scene: Path, pixels: int, *options: str) -> Image.Image:
 
 def terms_table(scenes: list[Path], file: Path, pixels: int = 150) -> None:
     """The lecture's table of terms: a row for each scene, a column for each layer."""
-    left, top = 70, 24
+    left, top = 92, 24
     sheet = Image.new("RGB", (left + len(LAYERS) * pixels, top + len(scenes) * pixels), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=15)
     with tempfile.TemporaryDirectory() as folder:
@@ -48,7 +48,7 @@ def terms_table(scenes: list[Path], file: Path, pixels: int = 150) -> None:
             raw = Path(folder) / "layers.npy"
             render(scene, pixels, raw, "--layers")
             layers = dict(zip(("total", "ambient", "diffuse", "specular"), np.split(np.load(raw)[..., :12], 4, axis=2)))
-            label = scene.stem.replace("phi-", "φ = ") + "°"
+            label = scene.stem.replace("phi-", "phi = ") + "°"
             draw.text((left / 2, top + (row + 0.5) * pixels), label, "black", font, anchor="mm")
             for column, layer in enumerate(LAYERS):
                 linear, picture = Path(folder) / "one.npy", Path(folder) / "one.png"

@@ -30,7 +30,12 @@ def starter_files(assignment: Assignment) -> dict[str, bytes]:
     handout = assignment.directory / "handout.md"
     out["handout.md"] = handout.read_bytes()
     for picture in re.findall(r"\]\(((?!https?:)[^)#]+\.(?:png|svg))\)", handout.read_text()):
-        out[picture] = (assignment.directory / picture).read_bytes()
+        file = assignment.directory / picture
+        if not file.is_file():
+            raise UserError(
+                f"{shown(handout)}: the picture {picture} is not there; docs/make_pictures.py makes those of scenes"
+            )
+        out[picture] = file.read_bytes()
     return out
 
 

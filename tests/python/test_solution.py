@@ -92,6 +92,6 @@ def test_every_batch_loop_of_the_solution_vectorises(assignment, tmp_path):
         layers = line == "#else" or (layers and line != "#endif")
         if layers and line.startswith("    for (int i = 0; i < count; ++i)"):
             wanted.append(number)
-    models = [f for f in assignment.functions if f.is_model]
+    models = [f for a in (assignment, *assignment.given) for f in a.functions if f.is_model]
     assert len(wanted) == 3 * len(models)
     assert set(wanted) <= vectorised
