@@ -78,6 +78,16 @@ def test_cpp_and_glsl_agree_on_every_scene(assignment, tmp_path):
     assert seen == len(scenes) >= 6
 
 
+def test_pictures_of_single_lights_add_up(images):
+    lights = next(a for a in ASSIGNMENTS if a.name == "lights")
+    left, right, both = (next(s for s in lights.scenes if s.name == f"linearity-{k}") for k in ("left", "right", "both"))
+    cpp = [images(scene, "cpp")[..., :3] for scene in (left, right, both)]
+    np.testing.assert_array_equal(cpp[0] + cpp[1], cpp[2])  # to the bit: one rounded sum per pixel in both ways
+    glsl = [images(scene, "glsl")[..., :3] for scene in (left, right, both)]
+    np.testing.assert_allclose(glsl[0] + glsl[1], glsl[2], rtol=2e-6, atol=1e-9)  # its compiler may fuse and reorder
+    assert all((image > 0.1).any() for image in cpp)
+
+
 def test_four_samples_agree(images):
     scene = next(s for s in PHONG.scenes if s.name == "knot")
     cpp, glsl = images(scene, "cpp", "--samples", "4"), images(scene, "glsl", "--samples", "4")
