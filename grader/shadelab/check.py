@@ -33,8 +33,7 @@ def involved(assignment: Assignment, functions: set[str]) -> set[str]:
     out = set()
     for plans in plan_checks(assignment).values():
         for plan in plans:
-            own = plan.kind == "function" and plan.item.name in affected
-            if own or any(model.split("/")[-1] in affected for model in plan.models):
+            if plan.calls & affected or (plan.kind == "function" and plan.item.name in affected):
                 out.add(plan.id)
     return out
 
@@ -90,11 +89,8 @@ def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, 
             own = f"{backend}/function/{change.function}"
             if own not in failed[backend]:
                 row.faults.append(f"{own} does not see it")
-            row.faults += [
-                f"{id} fails although {change.function} has no part in it"
-                for id in failed[backend]
-                if id not in allowed
-            ]
+            if beyond := [id for id in failed[backend] if id not in allowed]:
+                row.faults.append(f"{', '.join(beyond)}: fails although {change.function} has no part in it")
     else:
         row.faults += [
             f"{c.id} costs a correct {kind} {c.max_score - c.score:g} points: {c.message}"

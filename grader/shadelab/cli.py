@@ -390,7 +390,7 @@ def check(
             ("RMSE", "right"),
             ("", "left"),
         ):
-            table.add_column(heading, justify=justify)
+            table.add_column(heading, justify=justify, overflow="fold")
         for row in rows:
             failed = "/".join(str(len(row.failed[b])) for b in ("cpp", "glsl"))
             verdict = "ok" if not row.faults else "MISSED"

@@ -80,7 +80,9 @@ def test_cpp_and_glsl_agree_on_every_scene(assignment, tmp_path):
 
 def test_pictures_of_single_lights_add_up(images):
     lights = next(a for a in ASSIGNMENTS if a.name == "lights")
-    left, right, both = (next(s for s in lights.scenes if s.name == f"linearity-{k}") for k in ("left", "right", "both"))
+    left, right, both = (
+        next(s for s in lights.scenes if s.name == f"linearity-{k}") for k in ("left", "right", "both")
+    )
     cpp = [images(scene, "cpp")[..., :3] for scene in (left, right, both)]
     np.testing.assert_array_equal(cpp[0] + cpp[1], cpp[2])  # to the bit: one rounded sum per pixel in both ways
     glsl = [images(scene, "glsl")[..., :3] for scene in (left, right, both)]

@@ -43,6 +43,10 @@ def test_who_is_involved():
     checks = involved(PHONG, {"half_vector"})
     assert "cpp/function/blinn_phong" in checks and "glsl/image/knot" in checks
     assert "cpp/function/phong" not in checks and "cpp/image/sphere" not in checks
+    # Through code that is already written, and through what the framework calls for every light.
+    lights = load_assignment(ROOT / "solution" / "lights")
+    assert "cpp/image/albedo" in involved(lights, {"diffuse"}) and "glsl/image/cosine" in involved(lights, {"diffuse"})
+    assert involved(lights, {"distance_falloff"}) >= {"cpp/image/hidden-studio", "cpp/function/incident_light"}
 
 
 @pytest.mark.parametrize("name", assignment_names())

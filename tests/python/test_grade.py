@@ -1,6 +1,7 @@
 """Grading end to end: marks, messages, and what hostile or broken submissions cost."""
 
 import json
+import re
 import shlex
 import shutil
 import time
@@ -8,6 +9,7 @@ import time
 import pytest
 
 from conftest import ROOT
+from shadelab.manifest import load_assignment
 
 GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."
 LOBE_END = "    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;\n    return exp(q * log1p(-x));\n    // STUDENT END: return 0.0;\n}\n\n// The half-vector lobe"
@@ -43,10 +45,10 @@ def test_forgotten_exponent_costs_what_it_touches_in_both_languages(grade, submi
     result = grade(submission(cpp=change, glsl=change))
     touched = {f"{b}/function/{f}" for b in ("cpp", "glsl") for f in ("phong_lobe", "phong")}
     touched |= {
-        f"{b}/image/{s.stem}"
+        f"{b}/image/{s.name}"
         for b in ("cpp", "glsl")
-        for s in (ROOT / "scenes" / "phong").glob("*.toml")
-        if '"phong"' in s.read_text()
+        for s in load_assignment(ROOT / "solution" / "phong").scenes
+        if re.search(r'model = "phong(_physical)?"', s.file.read_text())
     }
     present = {c["id"] for c in result["checks"] if c["status"] != "skipped"}
     assert failed(result) == touched & present
@@ -240,7 +242,6 @@ def test_bad_usage_is_one_line_and_exit_2(shadelab, arguments, words):
 def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
     """The scanned mesh is fetched at set-up and may be absent: the scene is skipped with a clear message."""
     from shadelab.grade import grade
-    from shadelab.manifest import load_assignment
 
     shutil.copytree(ROOT / "solution", tmp_path / "solution")
     shutil.copytree(ROOT / "scenes" / "phong", tmp_path / "scenes" / "phong")
@@ -256,6 +257,7 @@ def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
         if not part.strip().startswith("file") or "sphere.toml" in part or "bunny.toml" in part
     ]
     manifest.write_text("[[scene]]".join(keep))
+    (manifest.parent / "hidden.toml").unlink()
     assignment = load_assignment(tmp_path / "solution" / "phong")
     result = grade(assignment, assignment.directory, only="cpp/image/*").result
     status = {check.id: check for check in result.checks}
@@ -264,7 +266,7 @@ def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
         and "bunny.obj is not on this machine" in status["cpp/image/bunny"].message
     )
     assert status["cpp/image/sphere"].status == "passed"
-    assert result.score == result.max_score == 2.0
+    assert result.score == result.max_score == 1.0  # half of the sphere's points
 
 
 def test_replay_lines_replay(grade, submission, shadelab, tmp_path):
