@@ -23,6 +23,7 @@ from shadelab.build import BuildError
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate
 from shadelab.manifest import Assignment, Function, Scene
+from shadelab.mistakes import slide_formulas, write_submission
 from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, shown
 from shadelab.sandbox import Limits, Sandbox
 from shadelab.tables import jittered, make_table, on_gate, renormalised
@@ -138,6 +139,8 @@ def digest(assignment: Assignment) -> str:
         objects = read_toml(scene.file).get("object", [])
         files += [(scene.file.parent / o["mesh"]).resolve() for o in objects]
     total = hashlib.sha256()
+    if slides := slide_formulas(assignment):
+        total.update(repr(slides.bodies).encode())
     for file in dict.fromkeys(files):
         total.update(str(file.name).encode() + b"\0" + (file.read_bytes() if file.exists() else b"absent") + b"\0")
     return total.hexdigest()[:32]
@@ -152,6 +155,24 @@ def load(assignment: Assignment, progress: Callable[[str], None] = lambda _: Non
     return Expected(folder)
 
 
+def make_truth(assignment: Assignment, function: Function, forms: list[CppRunner]) -> Table:
+    """forms: the solution, and the slides' formulas. They are equal on exact unit vectors; how much rounding of the inputs changes
+    depends on the form, and nobody has to know a better one than the slides'."""
+    rows = make_table(assignment, function, PUBLIC_SEED)
+    exact = renormalised(assignment, function, rows)
+    inputs = np.concatenate([exact, *jittered(assignment, function, exact)])
+    results = []
+    for form in forms:
+        output = form.evaluate(Evaluate(function, inputs))
+        if output.array is None:
+            raise UserError(f"{shown(assignment.directory)}: {function.name} {output.failure}")
+        results.append(output.array.reshape(-1, len(rows), output.array.shape[1]))
+    truth = results[0][0]
+    with np.errstate(invalid="ignore"):
+        floor = np.nan_to_num(np.abs(np.concatenate(results)[1:] - truth)).max(axis=0)
+    return Table(rows, truth, np.where(on_gate(function, len(rows))[:, None], 0.0, floor))
+
+
 def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) -> None:
     progress(f"reference {assignment.name}: building the solution in double")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -164,20 +185,21 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
         runner.build(assignment.directory)
     except BuildError as error:
         raise UserError(f"{shown(assignment.directory)}: the solution does not compile: {error.message}") from None
+    forms = [runner]
+    if slides := slide_formulas(assignment):
+        write_submission(assignment, slides, scratch / "slides")
+        forms.append(CppRunner(assignment, sandbox, double=True))
+        try:
+            forms[-1].build(scratch / "slides")
+        except BuildError as error:
+            raise UserError(f"{shown(assignment.directory)}: {slides.id} does not compile: {error.message}") from None
+        shutil.rmtree(scratch / "slides")
     arrays: dict[str, np.ndarray] = {}
     for function in assignment.functions:
         progress(f"reference {assignment.name}: {function.name}")
-        rows = make_table(assignment, function, PUBLIC_SEED)
-        exact = renormalised(assignment, function, rows)
-        inputs = np.concatenate([exact, *jittered(assignment, function, exact)])
-        output = runner.evaluate(Evaluate(function, inputs))
-        if output.array is None:
-            raise UserError(f"{shown(assignment.directory)}: {function.name} {output.failure}")
-        truth, *nearby = output.array.reshape(-1, *output.array[: len(rows)].shape)
-        arrays[f"{function.name}.rows"], arrays[f"{function.name}.truth"] = rows, truth
-        with np.errstate(invalid="ignore"):
-            floor = np.nan_to_num(np.abs(np.array(nearby) - truth)).max(axis=0)
-        arrays[f"{function.name}.floor"] = np.where(on_gate(function, len(rows))[:, None], 0.0, floor)
+        table = make_truth(assignment, function, forms)
+        for part in ("rows", "truth", "floor"):
+            arrays[f"{function.name}.{part}"] = getattr(table, part)
     np.savez(scratch / "functions.npz", **arrays)
     for scene in assignment.scenes:
         if missing_meshes(scene):

@@ -8,7 +8,7 @@ subtle = true                     # hardly to be seen: the RMSE of every image s
 body = '''...'''                  # stands in both languages; cpp and glsl override it
 
 [[variant]]                       # correct, written another way: must lose nothing
-id = "..."
+id = "slide-formulas"             # this one is what the slides say to the letter; it also measures how far that strays
 bodies = { phong_lobe = '''...''' }
 """
 
@@ -71,6 +71,16 @@ def load_changes(assignment: Assignment) -> Changes:
         if not mistake.hint or not mistake.function:
             raise UserError(f"{shown(file)}: {mistake.id}: a mistake needs its function and a hint")
     return changes
+
+
+SLIDES = "slide-formulas"
+
+
+def slide_formulas(assignment: Assignment) -> Change | None:
+    """The variant that follows the slides to the letter."""
+    if not (assignment.directory / "mistakes.toml").exists():
+        return None
+    return next((v for v in load_changes(assignment).variant if v.id == SLIDES), None)
 
 
 _region = re.compile(
