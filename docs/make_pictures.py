@@ -17,7 +17,7 @@ from shadelab.manifest import Scene, assignment_names, load_assignment
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery.md"
-README = ["phong/teapot", "lights/studio", "microfacet/metals", "phong/interpolation"]
+README = ["lights/bunny", "phong/teapot", "microfacet/metals", "phong/interpolation"]
 COLUMNS = 4
 LAYERS = ("ambient", "diffuse", "specular", "total")
 

@@ -1,11 +1,14 @@
 """check: grades the grader. Every declared mistake must lose points, in its function's own check and in none that the function
 has no part in; every correct variant and the solution must lose none; the starter must stay at or below 15 %."""
 
+import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from shadelab import expected
 from shadelab.grade import BACKENDS, Grading, grade, plan_checks
 from shadelab.manifest import Assignment
 from shadelab.mistakes import SUBTLE, Change, callers, load_changes, write_submission
@@ -42,16 +45,25 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None]) -> 
     changes = load_changes(assignment)
     subjects: list[tuple[str, str, Change | None]] = [("solution", "solution", None), ("starter", "starter", None)]
     subjects += [(m.id, "mistake", m) for m in changes.mistake] + [(v.id, "variant", v) for v in changes.variant]
-    rows = []
-    with work_folder("check") as scratch:
-        for index, (name, kind, change) in enumerate(subjects):
-            progress(f"{assignment.name}: {name}", index, len(subjects))
-            folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
-            if change is not None:
-                write_submission(assignment, change, folder)
-            rows.append(_judge(assignment, name, kind, change, grade(assignment, folder)))
-        progress(assignment.name, len(subjects), len(subjects))
-    return rows
+    expected.load(assignment)  # once, before several want it
+    done = 0
+
+    def judge(subject: tuple[str, str, Change | None]) -> Row:
+        nonlocal done
+        name, kind, change = subject
+        folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
+        if change is not None:
+            write_submission(assignment, change, folder)
+        row = _judge(assignment, name, kind, change, grade(assignment, folder))
+        shutil.rmtree(scratch / name, ignore_errors=True)
+        done += 1
+        progress(f"{assignment.name}: {name}", done, len(subjects))
+        return row
+
+    # Two at a time: a grading alone waits for the slower of its two languages.
+    with work_folder("check") as scratch, ThreadPoolExecutor(2) as pool:
+        progress(assignment.name, 0, len(subjects))
+        return list(pool.map(judge, subjects))
 
 
 def worst_rmse(assignment: Assignment, grading: Grading) -> float:

@@ -2,7 +2,7 @@
 
 Below .shadelab/expected/NAME/DIGEST/ stand, named by a digest of everything that they depend on:
     functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.floor (float64)
-    SCENE.npz           the film's layers (float32) and the mask of pixels that are judged
+    SCENE.npz           the film's layers (float32), the mask of pixels that are judged, eye and scale
     SCENE.packet        the frame packet for the OpenGL client
     done                written last: a set without it is made again
 """
@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -45,12 +45,30 @@ BACKGROUND, INTERIOR, EDGE = 0, 1, 2
 
 @dataclass
 class SceneTruth:
-    layers: np.ndarray  # (H, W, 21) float32, CHANNELS
+    layers: Mapping[str, np.ndarray]  # by the names of CHANNELS, (H, W, n) float32
     mask: np.ndarray  # (H, W) uint8
     eye: np.ndarray
+    scale: float  # of the scene: the 95th percentile of |total| over the foreground
 
-    def layer(self, name: str) -> np.ndarray:
-        return self.layers[..., CHANNELS[name]]
+    @classmethod
+    def of(cls, image: np.ndarray, eye: np.ndarray, pixel_angle: float) -> "SceneTruth":
+        """From an image with all CHANNELS."""
+        layers = {name: np.ascontiguousarray(image[..., channels]) for name, channels in CHANNELS.items()}
+        foreground = layers["id"][..., 0] > 0
+        scale = np.percentile(np.abs(layers["total"][foreground]), 95) if foreground.any() else 1.0
+        return cls(layers, scene_mask(image, eye, pixel_angle), eye, float(scale))
+
+    @classmethod
+    def load(cls, file: Path) -> "SceneTruth":
+        data = np.load(file, allow_pickle=False)  # reads a member when it is asked for
+        return cls(data, data["mask"], data["eye"], float(data["scale"]))
+
+    def save(self, file: Path) -> None:
+        np.savez(file, mask=self.mask, eye=self.eye, scale=self.scale, **self.layers)
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        return self.layers["total"]
 
 
 @dataclass
@@ -74,8 +92,7 @@ class Expected:
         return Table(*(self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "floor")))
 
     def scene(self, scene: Scene) -> SceneTruth:
-        data = np.load(self.folder / f"{scene.name}.npz", allow_pickle=False)
-        return SceneTruth(data["layers"], data["mask"], data["eye"])
+        return SceneTruth.load(self.folder / f"{scene.name}.npz")
 
     def packet(self, scene: Scene) -> Path:
         return self.folder / f"{scene.name}.packet"
@@ -211,8 +228,7 @@ def make(assignment: Assignment, folder: Path, progress: Callable[[str], None]) 
         camera = read_toml(scene.file)["camera"]
         eye = np.array(camera["eye"], float)
         pixel_angle = np.radians(camera.get("fov_y", 40)) / output.array.shape[0]
-        mask = scene_mask(output.array, eye, pixel_angle)
-        np.savez(scratch / f"{scene.name}.npz", layers=output.array, mask=mask, eye=eye)
+        SceneTruth.of(output.array, eye, pixel_angle).save(scratch / f"{scene.name}.npz")
         packet = [
             str(RENDER), "packet", str(scene.file), "--assignment", str(assignment.directory), "--terms",
             "-o", str(scratch / f"{scene.name}.packet"),

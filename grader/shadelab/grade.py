@@ -223,7 +223,7 @@ def _grade_backend(
             record(_our_fault(plan, output))
             continue
         truth = expected.scene(plan.item)
-        total = truth.layer("total")
+        total = truth.total
         if output.array is not None and output.array.shape == (*total.shape[:2], TERM_CHANNELS):
             judged = judge_image(plan.item, backend, plan.points, truth, output.array)
             pictures = Pictures(output.array[..., :3], total, truth.mask, judged.limit)

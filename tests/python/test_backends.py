@@ -69,8 +69,8 @@ def test_cpp_and_glsl_agree_on_every_scene(assignment, tmp_path):
         for layer in ("id", "coverage"):
             assert (cpp[..., CHANNELS[layer]] == glsl[..., CHANNELS[layer]]).mean() >= 0.9999, scene.name
         total, interior = CHANNELS["total"], truth.mask == INTERIOR
-        assert interior.sum() > 0.5 * (truth.layer("id") > 0).sum(), scene.name
-        reference = truth.layer("total").astype(float)
+        assert interior.sum() > 0.5 * (truth.layers["id"] > 0).sum(), scene.name
+        reference = truth.total.astype(float)
         limit = RELATIVE * np.abs(reference) + ABSOLUTE * np.percentile(np.abs(reference[interior]), 95)
         for a, b in ((cpp[..., total], glsl[..., total]), (cpp[..., total], reference), (glsl[..., total], reference)):
             assert not (~(np.abs(a - b) <= limit).all(axis=2) & interior).any(), scene.name

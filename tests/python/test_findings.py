@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table, scene_mask
+from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table
 from shadelab.findings import EDGE_CAP, FULL_MARKS, interior_score, judge_function, judge_image
 from shadelab.manifest import Scene, load_assignment
 from shadelab.tables import NEAREST_HORIZON, make_table, renormalised
@@ -26,7 +26,11 @@ def made_up(size=64, radius=24):
         layers[..., CHANNELS[name]] = np.where(disc, 0.6 + 0.4 * x / max(radius, 1), 0)[..., None]
     layers[..., CHANNELS["position"]] = np.stack([x, y, np.zeros_like(x)], axis=2) / size
     eye = np.array([0.0, 0, 1])
-    return SceneTruth(layers, scene_mask(layers, eye, 1 / size), eye)
+    return SceneTruth.of(layers, eye, 1 / size)
+
+
+def image_of(truth):
+    return np.concatenate([truth.layers[name] for name in CHANNELS], axis=2)
 
 
 def judge(truth, layers):
@@ -44,16 +48,16 @@ def test_mask_rings_the_disc():
 
 def test_equal_images_have_full_marks():
     truth = made_up()
-    check = judge(truth, truth.layers.copy())
+    check = judge(truth, image_of(truth))
     assert check.status == "passed" and check.score == 10 and check.error.value == 0
 
 
 def test_rounding_passes_and_two_percent_fails():
     truth = made_up()
-    nearly = truth.layers.copy()
+    nearly = image_of(truth)
     nearly[..., :3] *= 1.005
     assert judge(truth, nearly).status == "passed"
-    off = truth.layers.copy()
+    off = image_of(truth)
     off[..., :3] *= 1.02
     off[..., CHANNELS["diffuse"]] *= 1.02
     check = judge(truth, off)
@@ -70,7 +74,7 @@ def test_curve(share, expected):
 
 def test_one_nan_costs_half():
     truth = made_up()
-    layers = truth.layers.copy()
+    layers = image_of(truth)
     layers[32, 32, 0] = np.nan
     check = judge(truth, layers)
     assert check.status == "failed" and check.score == 5.0
@@ -82,7 +86,7 @@ def test_edges_have_a_loose_cap():
     truth = made_up()
     ys, xs = np.nonzero(truth.mask == EDGE)
     for share, status in ((0.8 * EDGE_CAP, "passed"), (1.3 * EDGE_CAP, "failed")):
-        layers = truth.layers.copy()
+        layers = image_of(truth)
         count = int(share * len(ys))
         layers[ys[:count], xs[:count], :3] += 5
         assert judge(truth, layers).status == status
@@ -90,12 +94,12 @@ def test_edges_have_a_loose_cap():
 
 def test_a_scene_without_foreground_is_an_error():
     truth = made_up(radius=0)
-    assert judge(truth, truth.layers.copy()).status == "error"
+    assert judge(truth, image_of(truth)).status == "error"
 
 
 def test_painting_the_background_is_seen():
     truth = made_up()
-    layers = truth.layers.copy()
+    layers = image_of(truth)
     layers[truth.mask == BACKGROUND, :3] = 0.1
     assert judge(truth, layers).status == "failed"
 
@@ -103,7 +107,7 @@ def test_painting_the_background_is_seen():
 def test_a_scene_of_edges_is_an_error_and_no_pass():
     truth = made_up()
     truth.mask[truth.mask == INTERIOR] = EDGE
-    check = judge(truth, truth.layers.copy())
+    check = judge(truth, image_of(truth))
     assert check.status == "error" and check.score == 0
 
 
