@@ -14,10 +14,10 @@
 Real trowbridge_reitz(vec3 n, vec3 h, Real m) {
     if (dot(n, h) <= 0.0) return 0.0;  // such a facet faces into the surface: there is none
     // The formula to the letter takes 1 - cos^2, of which little is left in float32 where h comes close to n: for m = 0.001
-    // the peak is noise. The distance d between n and h keeps its digits, and with x = d^2/2 = 1 - cos,
+    // the peak is noise. The distance between n and h keeps its digits, and with x = distance^2/2 = 1 - cos,
     //   sin^2 = x (2 - x),   cos^2 (m^2 - 1) + 1 = m^2 cos^2 + sin^2.
-    vec3 d = n - h;
-    Real x = 0.5 * dot(d, d);
+    vec3 apart = n - h;
+    Real x = 0.5 * dot(apart, apart);
     Real c = max(1.0 - x, 0.0);
     Real s2 = x * (2.0 - x);
     Real root = m / (m * m * c * c + s2);
@@ -188,11 +188,10 @@ Terms cook_torrance_ngan(CookTorrance m, vec3 n, vec3 l, vec3 v) {
 //   result   specular D G F / (4 pi n.v); all of it is 0 unless n.l > 0 and n.v > 0
 //   slide    "Cook-Torrance: the Fresnel term"
 Terms metal(Metal m, vec3 n, vec3 l, vec3 v) {
-    Real nv = dot(n, v);
-    if (dot(n, l) <= 0.0 || nv <= 0.0) return Terms(vec3(0.0), vec3(0.0), vec3(0.0));
-    vec3 h = half_vector(l, v);
-    Real dg = beckmann(n, h, m.m) * (geometry_term(n, l, v) / nv);
-    return Terms(vec3(0.0), vec3(0.0), fresnel_conductor(m.eta, m.k, dot(v, h)) * (dg / 12.566370614359172));
+    // With f0 = 1 Schlick's F is 1 everywhere: what remains of the lobe is multiplied by the exact F.
+    Terms t = cook_torrance(CookTorrance(vec3(0.0), vec3(1.0), vec3(1.0), m.m), n, l, v);
+    vec3 exact = fresnel_conductor(m.eta, m.k, dot(v, half_vector(l, v)));
+    return Terms(vec3(0.0), vec3(0.0), t.specular * (exact / 4.0));
 }
 
 // A rough dielectric over a diffuse base, as plastic and lacquer: the physical normalisation with Fresnel's exact reflectance.
@@ -201,11 +200,7 @@ Terms metal(Metal m, vec3 n, vec3 l, vec3 v) {
 //   result   diffuse kd/pi n.l, specular D G F / (4 pi n.v); all of it is 0 unless n.l > 0 and n.v > 0
 //   slide    "Cook-Torrance: the Fresnel term"
 Terms plastic(Plastic m, vec3 n, vec3 l, vec3 v) {
-    Real nl = dot(n, l);
-    Real nv = dot(n, v);
-    if (nl <= 0.0 || nv <= 0.0) return Terms(vec3(0.0), vec3(0.0), vec3(0.0));
-    vec3 h = half_vector(l, v);
-    Real dg = beckmann(n, h, m.m) * (geometry_term(n, l, v) / nv);
-    Real f = fresnel_dielectric(m.ior, dot(v, h));
-    return Terms(vec3(0.0), m.kd * (nl / 3.141592653589793), vec3(f * dg / 12.566370614359172));
+    Terms t = cook_torrance(CookTorrance(m.kd, vec3(1.0), vec3(1.0), m.m), n, l, v);
+    Real exact = fresnel_dielectric(m.ior, dot(v, half_vector(l, v)));
+    return Terms(vec3(0.0), t.diffuse / 3.141592653589793, t.specular * (exact / 4.0));
 }

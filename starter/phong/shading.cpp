@@ -14,7 +14,7 @@
 //   slide    none: the form is Phong's, with l itself in the place of its mirror direction
 Real retro_lobe(vec3 n, vec3 l, vec3 v, Real q) {
     // First the gate. It asks where the light is, and nothing else.
-    if (dot(n, l) <= 0.0) return 0.0;
+    if (dot(l, n) <= 0.0) return 0.0;
     // The clamp is a case of its own, because pow(0.0, 0.0) is undefined in GLSL. Here only q = 0 gives more than 0.
     Real c = dot(v, l);
     if (c <= 0.0) return q == 0.0 ? 1.0 : 0.0;
