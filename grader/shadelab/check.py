@@ -36,7 +36,7 @@ def involved(assignment: Assignment, functions: set[str]) -> set[str]:
     out = set()
     for plans in plan_checks(assignment).values():
         for plan in plans:
-            if plan.calls & affected or (plan.kind == "function" and plan.item.name in affected):
+            if affected & set(plan.calls) or (plan.kind == "function" and plan.item.name in affected):
                 out.add(plan.id)
     return out
 

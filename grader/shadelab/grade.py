@@ -47,10 +47,9 @@ class Plan:
     backend: str
     points: float
     item: Function | Scene | None  # None: the build
-    calls: set[str] = field(
-        default_factory=set
-    )  # of a scene: the assignment's functions that the framework calls to draw it
-    waits_for: list[str] = field(default_factory=list)  # of a scene: ids of the checks of those functions
+    calls: list[str] = field(
+        default_factory=list
+    )  # of a scene: which of the assignment's functions the framework calls
 
 
 def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]]:
@@ -69,11 +68,8 @@ def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]
         for scene in assignment.scenes:
             # The models of its materials, and incident_light for each light.
             calls = {m["model"] for m in read_toml(scene.file).get("material", {}).values()} | {"incident_light"}
-            own = [f for f in assignment.functions if f.name in calls]
-            plan = Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene)
-            plan.calls = {f.name for f in own}
-            plan.waits_for = [f"{backend}/function/{f.name}" for f in own if f.graded]
-            wanted.append(plan)
+            own = [f.name for f in assignment.functions if f.name in calls]
+            wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, own))
         wanted = [p for p in wanted if fnmatch(p.id, only)]
         plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
     return plans
@@ -214,7 +210,7 @@ def _grade_backend(
             check = _check(plan, "skipped", message)
             check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
             record(check)
-        elif waiting := [id for id in plan.waits_for if id in hung]:
+        elif waiting := [id for id in (f"{backend}/function/{name}" for name in plan.calls) if id in hung]:
             record(_check(plan, "skipped", f"{waiting[0].split('/')[-1]} did not end in its own check", waiting))
         else:
             scenes.append(plan)
