@@ -6,6 +6,7 @@ at set-up, the same bytes each time, and on later runs skips what is there and u
   generated   spheres, torus knots, the Utah teapot, a plane and a cube: computed in a second
   scan        bunny.obj, a laser-scanned rabbit that a Debian package ships: downloaded (24 MB),
               because no terms are stated that would let us hand it on
+  benchmark   sphere and knot of a million triangles, and a small sphere: only with --bench
 
 Without the scan everything else works; scenes that use it are skipped.
 """
@@ -48,6 +49,7 @@ examples:
   python scenes/make_meshes.py --no-scan          no network needed
   python scenes/make_meshes.py --only teapot      one mesh; repeat --only for more
   python scenes/make_meshes.py --only bunny       try the download again
+  python scenes/make_meshes.py --bench            also the meshes of ./shadelab bench
   python scenes/make_meshes.py --force --out /tmp/meshes
 
 meshes:
@@ -84,18 +86,24 @@ def decimals(values: np.ndarray) -> np.ndarray:
     return np.round(values, 7) + 0.0
 
 
+def rows(row: str, table: np.ndarray) -> str:
+    """A line for each row, all formatted at once: a loop would take several times as long for a million of them."""
+    return (row + "\n") * len(table) % tuple(table.ravel().tolist())
+
+
 def obj_text(mesh: Mesh, about: str) -> str:
     """Wavefront OBJ. Files without normals leave them to the framework, which averages those of the faces."""
-    lines = [f"# {line}" for line in about.splitlines()]
-    lines.append(f"# {mesh.triangles} triangles. Made by scenes/make_meshes.py; sources: scenes/SOURCES.md.")
-    lines += [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in decimals(mesh.vertices).tolist()]
-    corner = "{0}"
+    parts = [f"# {line}\n" for line in about.splitlines()]
+    parts.append(f"# {mesh.triangles} triangles. Made by scenes/make_meshes.py; sources: scenes/SOURCES.md.\n")
+    parts.append(rows("v %.7f %.7f %.7f", decimals(mesh.vertices)))
     if mesh.normals is not None:
-        lines += [f"vn {x:.7f} {y:.7f} {z:.7f}" for x, y, z in decimals(mesh.normals).tolist()]
-        corner = "{0}//{0}"
+        parts.append(rows("vn %.7f %.7f %.7f", decimals(mesh.normals)))
     for block in mesh.faces:
-        lines += ["f " + " ".join(corner.format(i) for i in face) for face in (block + 1).tolist()]
-    return "\n".join(lines) + "\n"
+        if mesh.normals is None:
+            parts.append(rows("f" + " %d" * block.shape[1], block + 1))
+        else:
+            parts.append(rows("f" + " %d//%d" * block.shape[1], np.repeat(block + 1, 2, axis=1)))
+    return "".join(parts)
 
 
 class Vertices:
@@ -335,6 +343,7 @@ class Recipe:
     make: Callable[[], Mesh]
     about: str  # the file's opening comment; its first line also stands in --help
     scan: bool = False
+    bench: bool = False
 
 
 SPHERE = "Sphere of radius 1 about the origin"
@@ -361,6 +370,9 @@ RECIPES = (
         "Not ours: test data, not to be handed on.",
         scan=True,
     ),
+    Recipe("sphere-1k", lambda: sphere(7), f"{SPHERE}, in about a thousand triangles. Closed.", bench=True),
+    Recipe("sphere-1m", lambda: sphere(224), f"{SPHERE}, in about a million triangles. Closed.", bench=True),
+    Recipe("knot-1m", lambda: knot(2280, 220), f"{KNOT}, in about a million triangles. Closed.", bench=True),
 )
 
 
@@ -411,7 +423,7 @@ class Stamp:
 
 
 def parse_arguments(argv: list[str] | None) -> argparse.Namespace:
-    listing = "\n".join(f"  {r.name:<14}  {r.about.splitlines()[0]}" for r in RECIPES)
+    listing = "\n".join(f"  {r.name:<14}  {r.about.splitlines()[0]}{' (--bench)' * r.bench}" for r in RECIPES)
     parser = argparse.ArgumentParser(
         description=__doc__,
         epilog=EXAMPLES.format(meshes=listing),
@@ -433,6 +445,9 @@ def parse_arguments(argv: list[str] | None) -> argparse.Namespace:
         default=True,
         help="fetch the scanned mesh, or leave it out (default: fetch)",
     )
+    parser.add_argument(
+        "--bench", action="store_true", help="also the large meshes of ./shadelab bench (about 70 MB, 10 s)"
+    )
     parser.add_argument("--force", action="store_true", help="make again what is up to date")
     arguments = parser.parse_args(argv)
     if not arguments.scan and "bunny" in (arguments.only or ()):
@@ -444,7 +459,7 @@ def make(recipe: Recipe, stamp: Stamp, force: bool) -> None:
     path = stamp.folder / f"{recipe.name}.obj"
     current = stamp.up_to_date(recipe)
     if current and not force:
-        print(f"{path.name:<18} {stamp.triangles(recipe):>6} triangles  up to date")
+        print(f"{path.name:<18} {stamp.triangles(recipe):>7} triangles  up to date")
         return
     start = time.perf_counter()
     try:
@@ -459,7 +474,7 @@ def make(recipe: Recipe, stamp: Stamp, force: bool) -> None:
     data = obj_text(mesh, f"{path.name}: {recipe.about}").encode("ascii")
     replace(path, data)
     stamp.record(recipe, data, mesh.triangles)
-    print(f"{path.name:<18} {mesh.triangles:>6} triangles  made in {time.perf_counter() - start:.2f} s")
+    print(f"{path.name:<18} {mesh.triangles:>7} triangles  made in {time.perf_counter() - start:.2f} s")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -468,8 +483,8 @@ def main(argv: list[str] | None = None) -> int:
         arguments.out.mkdir(parents=True, exist_ok=True)
         stamp = Stamp(arguments.out)
         for recipe in RECIPES:
-            wanted = recipe.name in arguments.only if arguments.only else arguments.scan or not recipe.scan
-            if wanted:
+            by_default = (arguments.scan or not recipe.scan) and (arguments.bench or not recipe.bench)
+            if recipe.name in arguments.only if arguments.only else by_default:
                 make(recipe, stamp, arguments.force)
     except OSError as error:
         progress(f"make_meshes: {error}")

@@ -8,13 +8,16 @@
 #include <shadelab/plugin_library.hpp>
 
 #include <CLI/CLI.hpp>
+#include <glm/gtc/matrix_transform.hpp>
 #include <omp.h>
 
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
 #include <map>
+#include <sstream>
 
 using namespace shadelab;
 
@@ -25,7 +28,7 @@ struct Options {
                 input;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
-    bool layers = false, terms = false, full = false, explain = false;
+    bool layers = false, terms = false, depth = false, full = false, explain = false;
 
     std::filesystem::path interface() const { return std::filesystem::path(framework) / "interface.toml"; }
     std::filesystem::path include_folder() const { return std::filesystem::path(framework) / "include"; }
@@ -54,6 +57,7 @@ LoadedScene load(const Options& options) {
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
         throw InputError("--supersample: the enlarged image would be wider or higher than 16384 pixels");
     loaded.features = Features::of(loaded.scene, options.layers || options.terms, options.layers, options.full);
+    loaded.features.depth_only = options.depth;
     std::map<std::pair<std::filesystem::path, Normals>, Mesh> cache;
     for (const Object& object : loaded.scene.objects) {
         const auto key = std::pair(object.mesh, object.normals);
@@ -62,6 +66,10 @@ LoadedScene load(const Options& options) {
             for (const std::string& note : cache.at(key).notes) std::cerr << "note: " << note << "\n";
         }
         loaded.meshes.push_back(cache.at(key));
+    }
+    for (size_t i = 0; i < loaded.meshes.size(); ++i) {
+        Object& object = loaded.scene.objects[i];
+        object.to_world = glm::translate(object.to_world, loaded.meshes[i].origin);
     }
     bool can_cancel = false;
     for (size_t i = 0; i < loaded.meshes.size(); ++i)
@@ -137,7 +145,8 @@ void report(const DrawStatistics& s) {
 }
 
 template <class Real>
-void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary& library) {
+const plugin::Table<Real>& checked_table(const Options& options, const LoadedScene& loaded,
+                                         const PluginLibrary& library) {
     const plugin::Table<Real>& table = library.table<Real>();
     for (const Material& material : loaded.scene.materials) {
         bool found = false;
@@ -148,15 +157,92 @@ void draw_image(const Options& options, LoadedScene& loaded, const PluginLibrary
     }
     if (loaded.features.term_layers && !table.terms)
         throw InfrastructureError(options.plugin + ": the plugin was built without terms");
+    return table;
+}
+
+Film empty_film(const Options& options, const LoadedScene& loaded) {
     const FilmSettings& film = loaded.scene.film;
-    Film image(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
-    const DrawStatistics statistics = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image);
+    return Film(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
+}
+
+void write_image(const Options& options, Film& image, const std::string& file) {
+    if (!options.layers && !options.depth)
+        image.layers.resize(options.terms ? 5 : 1);  // --full computes more than it is asked to write
+    write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, file, options.exposure);
+}
+
+template <class Real>
+void draw_image(const Options& options, const LoadedScene& loaded, const PluginLibrary& library) {
+    Film image = empty_film(options, loaded);
+    const DrawStatistics statistics =
+        draw<Real>(loaded.scene, loaded.features, loaded.meshes, checked_table<Real>(options, loaded, library), image);
     report(statistics);
     if (!options.statistics.empty()) write_statistics(statistics, loaded, options.statistics);
-    if (!options.layers) image.layers.resize(options.terms ? 5 : 1);  // --full computes more than it is asked to write
-    if (!options.output.empty())
-        write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, options.output,
-                   options.exposure);
+    if (!options.output.empty()) write_image(options, image, options.output);
+}
+
+double now_ms() {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Fixed work without memory, split over the threads: what more threads can gain on this machine at this moment.
+double arithmetic_ms() {
+    const double start = now_ms();
+    double sum = 0;
+#pragma omp parallel for schedule(static) reduction(+ : sum)
+    for (int i = 0; i < 64; ++i) {
+        float a[64];
+        for (int k = 0; k < 64; ++k) a[k] = float(i + k);
+        for (int turn = 0; turn < 4000; ++turn)
+            for (int k = 0; k < 64; ++k) a[k] = a[k] * 0.9999f + 0.5f;
+        sum += double(a[0]) + a[63];
+    }
+    const volatile double keep = sum;
+    (void)keep;
+    return now_ms() - start;
+}
+
+/// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, threads N, arithmetic. For benchmarks.
+template <class Real>
+void serve_frames(const Options& options, LoadedScene& loaded, const plugin::Table<Real>& table, double load_ms) {
+    Film image = empty_film(options, loaded);
+    Workspace workspace;
+    size_t geometry = 0, framebuffers = 0;
+    for (const Mesh& mesh : loaded.meshes)
+        geometry += (mesh.positions.size() + mesh.normals.size()) * sizeof(glm::vec3) + mesh.indices.size() * 4;
+    for (const Layer& layer : image.layers) framebuffers += layer.data.size() * sizeof(float);
+    const auto resident = [] {
+        long pages = 0, resident_pages = 0;
+        std::ifstream("/proc/self/statm") >> pages >> resident_pages;
+        return size_t(resident_pages) * 4096;
+    };
+    std::cout << "{\"ready\": true, \"load_ms\": " << load_ms << ", \"geometry_bytes\": " << geometry
+              << ", \"framebuffer_bytes\": " << framebuffers << ", \"memory_bytes\": " << resident() << "}"
+              << std::endl;
+    for (std::string line; std::getline(std::cin, line);) {
+        std::istringstream words(line);
+        std::string command, argument;
+        words >> command;
+        std::getline(words >> std::ws, argument);
+        if (command == "draw") {
+            const double start = now_ms();
+            const DrawStatistics s = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image, &workspace);
+            std::cout << "{\"ms\": " << now_ms() - start << ", \"vertices\": " << s.vertex_ms
+                      << ", \"bins\": " << s.bin_ms << ", \"tiles\": " << s.tile_ms
+                      << ", \"fragments\": " << s.fragments << ", \"memory_bytes\": " << resident() << "}" << std::endl;
+        } else if (command == "write") {
+            Film copy = image;
+            write_image(options, copy, argument);
+            std::cout << "{\"written\": \"" << argument << "\"}" << std::endl;
+        } else if (command == "threads") {
+            omp_set_num_threads(std::max(1, std::atoi(argument.c_str())));
+            std::cout << "{\"threads\": " << omp_get_max_threads() << "}" << std::endl;
+        } else if (command == "arithmetic") {
+            std::cout << "{\"ms\": " << arithmetic_ms() << "}" << std::endl;
+        } else {
+            throw InputError("frames: unknown command \"" + line + "\": draw, write FILE, threads N or arithmetic");
+        }
+    }
 }
 
 /// Reads what write_film wrote as .npy (height x width x channels, float32): the way back for images of an OpenGL client.
@@ -231,6 +317,8 @@ int main(int argc, char** argv) {
         command->add_flag("--layers", options.layers, "all layers: terms and geometry beside the total");
         command->add_flag("--terms", options.terms,
                           "the layers of the terms only: ambient, diffuse, specular, coverage");
+        command->add_flag("--depth", options.depth,
+                          "nothing but the depth of each pixel's first sample; nothing is shaded");
         command->add_flag("--full", options.full, "leave nothing out");
         command->add_flag("--explain", options.explain, "print what the scene needs and what is left out");
     };
@@ -242,6 +330,11 @@ int main(int argc, char** argv) {
     image->add_option("--threads", options.threads, "number of threads (default: all cores)")
         ->check(CLI::Range(1, 1024));
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
+    CLI::App* frames = app.add_subcommand("frames", "draw a scene as often as stdin asks, for benchmarks");
+    add_scene_options(frames);
+    frames->add_option("--plugin", options.plugin, "plugin; not needed with --depth");
+    frames->add_option("--threads", options.threads, "number of threads (default: all cores)")
+        ->check(CLI::Range(1, 1024));
     CLI::App* convert = app.add_subcommand("convert", "write an image that is an .npy file as .png or .exr");
     convert->add_option("input", options.input, "image (.npy)")->required();
     convert->add_option("-o,--output", options.output, "FILE.png, .exr or .npy")->required();
@@ -277,11 +370,20 @@ int main(int argc, char** argv) {
             const PluginLibrary library(options.plugin);
             library.is_double() ? evaluate<double>(options, library) : evaluate<float>(options, library);
         } else {
+            const double start = now_ms();
             LoadedScene loaded = load(options);
+            const double load_ms = now_ms() - start;
             if (options.explain) explain(loaded.features);
             if (*packet) {
                 write_packet(loaded.scene, loaded.manifest, loaded.features, loaded.meshes, options.supersample,
                              options.include_folder(), options.output);
+            } else if (*frames && options.depth) {
+                serve_frames<float>(options, loaded, {}, load_ms);
+            } else if (*frames) {
+                const PluginLibrary library(options.plugin);
+                library.is_double()
+                    ? serve_frames(options, loaded, checked_table<double>(options, loaded, library), load_ms)
+                    : serve_frames(options, loaded, checked_table<float>(options, loaded, library), load_ms);
             } else {
                 const PluginLibrary library(options.plugin);
                 library.is_double() ? draw_image<double>(options, loaded, library)

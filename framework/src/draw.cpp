@@ -1,15 +1,13 @@
-// Stages 1, 3, 5 and 6: vertices to clip space, triangles to tiles, visible fragments to the student's function and the film.
-#include <shadelab/pipeline.hpp>
-
-#include "clones.hpp"
+// The frame as a whole, and stage 6: the student's function and the film.
+#include "levels.hpp"
 #include "rasterize.hpp"
+#include "stages.hpp"
 
 #include <omp.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
 
 namespace shadelab {
@@ -20,38 +18,62 @@ double now_ms() {
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// Everything about one object that stages 5 and 6 ask for.
-template <class Real>
-struct DrawnObject {
-    const Object* object;
-    const Mesh* mesh;
-    VertexStream<Real> vertices;
-    uint32_t first_triangle;  ///< number of its triangle 0 in the scene
-    Real orientation;         ///< -1 when to_world mirrors
-    bool normals_can_cancel;
-    const plugin::Model<Real>* model;
-    std::vector<Real> material;
-    std::vector<glm::vec<3, Real>> lights_within;  ///< positions of the lights inside of its bounding box
-};
+// ---------------------------------------------------------------------------------------------- objects
 
 template <class Real>
-struct Frame {
-    const Scene& scene;
-    const Features& features;
-    const plugin::Table<Real>& plugin;
-    Film& film;
-    std::vector<DrawnObject<Real>> objects;
-    std::vector<std::vector<Real>> lights;  ///< flattened, in the order of features.lights
-    glm::vec<3, Real> eye;
-    int layers_out;  ///< 3 (total) or 12 (with the terms)
+DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh,
+                                 const FrameFacts& facts, uint32_t first_vertex, uint32_t first_triangle) {
+    using vec3 = glm::vec<3, Real>;
+    DrawnObject<Real> drawn{};
+    drawn.object = &object;
+    drawn.mesh = &mesh;
+    drawn.first_vertex = first_vertex;
+    drawn.first_triangle = first_triangle;
+    const glm::dmat4 clip = facts.world_to_clip * object.to_world;
+    const glm::dmat3 linear(object.to_world), gram = glm::transpose(linear) * linear;
+    drawn.clip_from_object = glm::mat4(clip);
+    drawn.orientation = Real(glm::determinant(linear) < 0 ? -1 : 1);
+    drawn.normals_can_cancel = facts.normals_can_cancel[frame.objects.size()];
 
-    const DrawnObject<Real>& object_of(uint32_t triangle) const {
-        auto after =
-            std::upper_bound(objects.begin(), objects.end(), triangle,
-                             [](uint32_t t, const DrawnObject<Real>& object) { return t < object.first_triangle; });
-        return *(after - 1);
+    glm::dmat3 normals = glm::transpose(glm::inverse(linear));
+    const double scale = gram[0][0];  // of a similarity: its factor, squared
+    double off = 0;
+    for (int c = 0; c < 3; ++c)
+        for (int r = 0; r < 3; ++r) off = std::max(off, std::abs(gram[c][r] - (c == r ? scale : 0)));
+    drawn.unit_normals = off <= 1e-12 * scale;
+    if (drawn.unit_normals) normals *= std::sqrt(scale);
+    for (int c = 0; c < 4; ++c) {
+        drawn.pixel_from_object[c][0] = Real((clip[c].x + clip[c].w) * (frame.film.width * 0.5));
+        drawn.pixel_from_object[c][1] = Real((clip[c].y + clip[c].w) * (frame.film.height * 0.5));
+        drawn.pixel_from_object[c][2] = Real(clip[c].w);
+        for (int r = 0; r < 4; ++r) drawn.world_from_object[c][r] = Real(object.to_world[c][r]);
+        if (c < 3)
+            for (int r = 0; r < 3; ++r) drawn.normal_from_object[c][r] = Real(normals[c][r]);
     }
-};
+    if (!frame.plugin) return drawn;
+
+    // The box of the mesh's box holds the object.
+    vec3 low(std::numeric_limits<Real>::infinity()), high = -low;
+    for (int k = 0; k < 8; ++k) {
+        const glm::dvec3 corner(k & 1 ? mesh.high.x : mesh.low.x, k & 2 ? mesh.high.y : mesh.low.y,
+                                k & 4 ? mesh.high.z : mesh.low.z);
+        const vec3 x(object.to_world * glm::dvec4(corner, 1));
+        low = glm::min(low, x), high = glm::max(high, x);
+    }
+    for (const std::vector<Real>& light : frame.lights) {
+        const vec3 x(light[1], light[2], light[3]);
+        const bool outside = std::isfinite(mesh.low.x + mesh.high.x) &&  // a mesh made by hand may have no box
+                             (glm::any(glm::lessThan(x, low)) || glm::any(glm::greaterThan(x, high)));
+        if (LightKind(int(light[0])) != LightKind::directional && !outside) drawn.lights_within.push_back(x);
+    }
+    const Material& material = frame.scene.materials[object.material];
+    for (int k = 0; k < frame.plugin->model_count; ++k)
+        if (material.model == frame.plugin->models[k].name) drawn.model = &frame.plugin->models[k];
+    drawn.material.assign(material.parameters.begin(), material.parameters.end());
+    return drawn;
+}
+
+// ---------------------------------------------------------------------------------------------- stage 6: shading
 
 /// Adds every light's contribution to the batch's out arrays, one light at a time. Returns how often a light stands at the very
 /// point that it should light: it has no direction there, and functions are to give 0.
@@ -70,62 +92,11 @@ int64_t shade(const Frame<Real>& frame, const DrawnObject<Real>& object, Fragmen
     return at_surface;
 }
 
-// ---------------------------------------------------------------------------------------------- stage 1: vertices
-
-/// M (x, y, z, 1) in float32, products added column by column and nothing fused: the order in which llvmpipe adds them.
-glm::vec4 transform(const glm::mat4& m, glm::vec3 p) { return ((m[0] * p.x + m[1] * p.y) + m[2] * p.z) + m[3]; }
-
-template <class Real>
-DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh,
-                                 const glm::dmat4& world_to_clip, uint32_t first_triangle) {
-    using vec3 = glm::vec<3, Real>;
-    DrawnObject<Real> drawn{&object, &mesh, {}, first_triangle, Real(1), false, nullptr, {}, {}};
-    const glm::dmat4 object_to_clip = world_to_clip * object.to_world;
-    const glm::dmat3 linear(object.to_world);
-    const glm::mat4 clip_matrix(object_to_clip);
-    const glm::mat<4, 4, Real> world_matrix(object.to_world);
-    const glm::mat<3, 3, Real> normal_matrix(glm::transpose(glm::inverse(linear)));
-    drawn.orientation = Real(glm::determinant(linear) < 0 ? -1 : 1);
-    drawn.normals_can_cancel = normals_can_cancel(mesh, object.to_world);
-
-    const int count = int(mesh.positions.size());
-    VertexStream<Real>& out = drawn.vertices;
-    out.clip.resize(count);
-    out.homogeneous.resize(count);
-    out.position.resize(count);
-    out.normal.resize(count);
-    const Real half_width = Real(frame.film.width) / 2, half_height = Real(frame.film.height) / 2;
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < count; ++i) {
-        const glm::vec3 p = mesh.positions[i];
-        out.clip[i] = transform(clip_matrix, p);
-        glm::vec<4, Real> clip(out.clip[i]);
-        if constexpr (std::is_same_v<Real, double>) clip = object_to_clip * glm::dvec4(p, 1);
-        out.homogeneous[i] = {(clip.x + clip.w) * half_width, (clip.y + clip.w) * half_height, clip.z, clip.w};
-        out.position[i] = vec3(world_matrix * glm::vec<4, Real>(vec3(p), Real(1)));
-        out.normal[i] = glm::normalize(normal_matrix * vec3(mesh.normals[i]));
-    }
-
-    vec3 low(std::numeric_limits<Real>::infinity()), high = -low;
-    for (const vec3& x : out.position) low = glm::min(low, x), high = glm::max(high, x);
-    for (const std::vector<Real>& light : frame.lights)
-        if (const vec3 x(light[1], light[2], light[3]); LightKind(int(light[0])) != LightKind::directional)
-            if (glm::all(glm::lessThanEqual(low, x)) && glm::all(glm::lessThanEqual(x, high)))
-                drawn.lights_within.push_back(x);
-
-    const Material& material = frame.scene.materials[object.material];
-    for (int k = 0; k < frame.plugin.model_count; ++k)
-        if (material.model == frame.plugin.models[k].name) drawn.model = &frame.plugin.models[k];
-    drawn.material.assign(material.parameters.begin(), material.parameters.end());
-    return drawn;
-}
-
 /// Gouraud: the student's function is evaluated at the vertices, its colours are interpolated later.
 template <class Real>
 void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object, int64_t& lights_at_surface) {
-    VertexStream<Real>& vertices = object.vertices;
-    const int count = int(vertices.position.size()), capacity = FragmentBatch<Real>::capacity;
-    vertices.colour.resize(count);
+    const int count = int(object.mesh->positions.size()), capacity = FragmentBatch<Real>::capacity;
+    object.colour.resize(size_t(count));
     int64_t at_surface = 0;
 #pragma omp parallel reduction(+ : at_surface)
     {
@@ -134,252 +105,106 @@ void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object, int64_t
         for (int start = 0; start < count; start += capacity) {
             batch->count = std::min(capacity, count - start);
             for (int i = 0; i < batch->count; ++i) {
-                const glm::vec<3, Real> x = vertices.position[start + i], v = glm::normalize(frame.eye - x);
+                const Corner<Real> vertex = corner(object, uint32_t(start + i));
+                const glm::vec<3, Real> n = vertex.normal(), x = vertex.position(), v = glm::normalize(frame.eye - x);
                 for (int k = 0; k < 3; ++k) {
-                    batch->in[k][i] = vertices.normal[start + i][k];
+                    batch->in[k][i] = n[k];
                     batch->in[3 + k][i] = x[k];
                     batch->in[6 + k][i] = v[k];
                 }
             }
             at_surface += shade(frame, object, *batch);
             for (int i = 0; i < batch->count; ++i)
-                for (int k = 0; k < frame.layers_out; ++k) vertices.colour[start + i][k] = batch->out[k][i];
+                for (int k = 0; k < frame.layers_out; ++k) object.colour[size_t(start + i)][k] = batch->out[k][i];
         }
     }
     lights_at_surface += at_surface;
 }
 
-// ---------------------------------------------------------------------------------------------- stages 2 and 3: bins
-
-/// The triangles of one stretch of the scene, listed by tile. Stretches are fixed and visited in order, so that the order of
-/// equal depths, and with it the image, does not depend on the number of threads.
-struct BinnedStretch {
-    std::vector<ScreenTriangle> triangles;
-    std::vector<std::vector<uint32_t>> bins;
-};
-
-struct TileGrid {
-    int width, height, across, down;
-    TileGrid(int width, int height)
-        : width(width),
-          height(height),
-          across((width + tile_size - 1) / tile_size),
-          down((height + tile_size - 1) / tile_size) {}
-};
-
-void bin_triangle(const ScreenTriangle& t, const TileGrid& grid, int margin, BinnedStretch& stretch) {
-    const ScreenVertex &a = t.vertex[0], &b = t.vertex[1], &c = t.vertex[2];
-    if (int64_t(b.x - a.x) * (c.y - a.y) == int64_t(c.x - a.x) * (b.y - a.y))
-        return;  // no area on the grid: covers no sample
-    // The pixels whose samples (at most `margin` sub-pixels off their centres) the bounding box can hold.
-    const int x0 = std::max((std::min({a.x, b.x, c.x}) - margin + 255) >> subpixel_bits, 0);
-    const int x1 = std::min((std::max({a.x, b.x, c.x}) + margin) >> subpixel_bits, grid.width - 1);
-    const int y0 = std::max((std::min({a.y, b.y, c.y}) - margin + 255) >> subpixel_bits, 0);
-    const int y1 = std::min((std::max({a.y, b.y, c.y}) + margin) >> subpixel_bits, grid.height - 1);
-    if (x0 > x1 || y0 > y1) return;
-    const uint32_t index = uint32_t(stretch.triangles.size());
-    stretch.triangles.push_back(t);
-    for (int y = y0 / tile_size; y <= y1 / tile_size; ++y)
-        for (int x = x0 / tile_size; x <= x1 / tile_size; ++x)
-            stretch.bins[size_t(y) * grid.across + x].push_back(index);
-}
-
-template <class Real>
-std::vector<BinnedStretch> bin_scene(const Frame<Real>& frame, const TileGrid& grid, int margin,
-                                     DrawStatistics& statistics) {
-    struct Stretch {
-        const DrawnObject<Real>* object;
-        size_t begin, end;
-    };
-    constexpr size_t stretch_length = 16384;
-    std::vector<Stretch> stretches;
-    std::vector<std::vector<ScreenVertex>> screen(frame.objects.size());
-    std::vector<std::vector<uint16_t>> codes(frame.objects.size());
-    for (size_t o = 0; o < frame.objects.size(); ++o) {
-        const std::vector<glm::vec4>& clip = frame.objects[o].vertices.clip;
-        const int count = int(clip.size());
-        screen[o].resize(count);
-        codes[o].resize(count);
-        int64_t not_finite = 0;
-#pragma omp parallel for schedule(static) reduction(+ : not_finite)
-        for (int i = 0; i < count; ++i) {
-            codes[o][i] = uint16_t(clip_code(clip[i], grid.width, grid.height));
-            not_finite += (codes[o][i] & clip_not_finite) != 0;
-            if (!(codes[o][i] & (must_clip | clip_not_finite)))
-                screen[o][i] = project(clip[i], grid.width, grid.height);
-        }
-        statistics.not_finite_vertices += not_finite;
-        const size_t triangles = frame.objects[o].mesh->triangle_count();
-        statistics.triangles += int64_t(triangles);
-        for (size_t begin = 0; begin < triangles; begin += stretch_length)
-            stretches.push_back({&frame.objects[o], begin, std::min(begin + stretch_length, triangles)});
-    }
-
-    std::vector<BinnedStretch> out(stretches.size());
-    int64_t clipped = 0;
-#pragma omp parallel for schedule(dynamic) reduction(+ : clipped)
-    for (int s = 0; s < int(stretches.size()); ++s) {
-        const Stretch& stretch = stretches[s];
-        const size_t o = size_t(stretch.object - frame.objects.data());
-        const std::vector<uint32_t>& indices = stretch.object->mesh->indices;
-        out[s].bins.resize(size_t(grid.across) * grid.down);
-        std::vector<ScreenTriangle> pieces;
-        for (size_t t = stretch.begin; t < stretch.end; ++t) {
-            const uint32_t* corner = &indices[3 * t];
-            const unsigned a = codes[o][corner[0]], b = codes[o][corner[1]], c = codes[o][corner[2]];
-            if ((a & b & c) != 0 || ((a | b | c) & clip_not_finite) != 0) continue;
-            const uint32_t number = stretch.object->first_triangle + uint32_t(t);
-            if (((a | b | c) & must_clip) == 0) {
-                bin_triangle({{screen[o][corner[0]], screen[o][corner[1]], screen[o][corner[2]]}, number}, grid, margin,
-                             out[s]);
-                continue;
-            }
-            ++clipped;
-            const std::vector<glm::vec4>& clip = stretch.object->vertices.clip;
-            const glm::vec4 corners[3] = {clip[corner[0]], clip[corner[1]], clip[corner[2]]};
-            pieces.clear();
-            clip_and_project(corners, grid.width, grid.height, number, pieces);
-            for (const ScreenTriangle& piece : pieces) bin_triangle(piece, grid, margin, out[s]);
-        }
-    }
-    statistics.clipped_triangles += clipped;
-    return out;
-}
-
-// ---------------------------------------------------------------------------------------------- stage 5: fragments
-
-struct Fragment {
-    int x, y;  ///< window pixel, y upwards
-    uint32_t triangle;
-    float weight;
-};
-
-/// The distinct triangles that each pixel of a tile sees, with the share of its samples. Row by row.
-void collect_fragments(const VisibilityTile& tile, int samples, glm::ivec2 origin, const TileGrid& grid,
-                       std::vector<Fragment>& out) {
-    out.clear();
-    const int width = std::min(tile_size, grid.width - origin.x), height = std::min(tile_size, grid.height - origin.y);
-    for (int y = 0; y < height; ++y)
-        for (int x = 0; x < width; ++x) {
-            const size_t first_of_pixel = out.size();
-            for (int s = 0; s < samples; ++s) {
-                const uint32_t triangle = tile.triangle[(size_t(s) * tile_size + y) * tile_size + x];
-                if (triangle == no_triangle) continue;
-                size_t i = first_of_pixel;
-                while (i < out.size() && out[i].triangle != triangle) ++i;
-                if (i == out.size()) out.push_back({origin.x + x, origin.y + y, triangle, 0});
-                out[i].weight += 1.0f / float(samples);
-            }
-        }
-}
-
-/// Perspective-correct weights of a triangle's corners at the centre of pixel (x, y), normalised to sum 1. They come from the
-/// unclipped triangle's homogeneous coordinates (Olano & Greer 1997), so clipped pieces need no vertices of their own.
-template <class Real>
-glm::vec<3, Real> corner_weights(const DrawnObject<Real>& object, const uint32_t* corner, int x, int y) {
-    const glm::vec<4, Real>&p0 = object.vertices.homogeneous[corner[0]], &p1 = object.vertices.homogeneous[corner[1]],
-                      &p2 = object.vertices.homogeneous[corner[2]];
-    const Real cx = Real(x) + Real(0.5), cy = Real(y) + Real(0.5);
-    const Real x0 = p0.x - p0.w * cx, x1 = p1.x - p1.w * cx, x2 = p2.x - p2.w * cx;
-    const Real y0 = p0.y - p0.w * cy, y1 = p1.y - p1.w * cy, y2 = p2.y - p2.w * cy;
-    const Real b0 = x1 * y2 - x2 * y1, b1 = x2 * y0 - x0 * y2, b2 = x0 * y1 - x1 * y0;
-    const Real sum = b0 + b1 + b2;
-    // Only a triangle seen exactly edge-on has sum 0; no sample of it is covered but by rounding.
-    return sum != 0 ? glm::vec<3, Real>(b0 / sum, b1 / sum, b2 / sum) : glm::vec<3, Real>(Real(1) / 3);
-}
-
-/// The unit normal at a fragment. Where vertex normals cancel the direction is noise: the face normal stands in, counted.
-template <class Real>
-glm::vec<3, Real> fragment_normal(const DrawnObject<Real>& object, const uint32_t* corner, glm::vec<3, Real> weights,
-                                  int64_t& fallbacks) {
-    using vec3 = glm::vec<3, Real>;
-    const VertexStream<Real>& vertices = object.vertices;
-    const vec3 n = weights.x * vertices.normal[corner[0]] + weights.y * vertices.normal[corner[1]] +
-                   weights.z * vertices.normal[corner[2]];
-    const Real squared = glm::dot(n, n);
-    if (object.normals_can_cancel && !(squared >= Real(1e-8))) {
-        ++fallbacks;
-        const vec3 a = vertices.position[corner[0]];
-        return object.orientation *
-               glm::normalize(glm::cross(vertices.position[corner[1]] - a, vertices.position[corner[2]] - a));
-    }
-    return n * (1 / std::sqrt(squared));
-}
-
-template <class Real>
-void interpolate(const Frame<Real>& frame, const DrawnObject<Real>& object, const Fragment* fragments,
-                 FragmentBatch<Real>& batch, int64_t& fallbacks) {
-    using vec3 = glm::vec<3, Real>;
-    const VertexStream<Real>& vertices = object.vertices;
-    for (int i = 0; i < batch.count; ++i) {
-        const Fragment& fragment = fragments[i];
-        const uint32_t* corner = &object.mesh->indices[3 * size_t(fragment.triangle - object.first_triangle)];
-        const vec3 weights = corner_weights(object, corner, fragment.x, fragment.y);
-        batch.pixel[i] = (frame.film.height - 1 - fragment.y) * frame.film.width + fragment.x;
-        batch.weight[i] = fragment.weight;
-        const vec3 n = fragment_normal(object, corner, weights, fallbacks);
-        const vec3 x = weights.x * vertices.position[corner[0]] + weights.y * vertices.position[corner[1]] +
-                       weights.z * vertices.position[corner[2]];
-        const vec3 v = glm::normalize(frame.eye - x);
-        for (int k = 0; k < 3; ++k) {
-            batch.in[k][i] = n[k];
-            batch.in[3 + k][i] = x[k];
-            batch.in[6 + k][i] = v[k];
-        }
-        if (!vertices.colour.empty())
-            for (int k = 0; k < frame.layers_out; ++k)
-                batch.out[k][i] = weights.x * vertices.colour[corner[0]][k] +
-                                  weights.y * vertices.colour[corner[1]][k] + weights.z * vertices.colour[corner[2]][k];
-    }
-}
-
 // ---------------------------------------------------------------------------------------------- stage 6: film
 
+/// The film's pixels under a tile as if nothing had been drawn.
+void clear(Film& film, glm::ivec2 origin, glm::vec3 background) {
+    const int right = std::min(origin.x + tile_size, film.width), top = std::min(origin.y + tile_size, film.height);
+    for (Layer& layer : film.layers) {
+        const bool coloured = layer.name == "total" && background != glm::vec3(0);
+        const float value = layer.name == "depth" ? 1 : 0;  // 1: the far plane
+        for (int y = origin.y; y < top; ++y) {
+            const size_t row = size_t(film.height - 1 - y) * film.width;
+            float *begin = layer.pixel(row + origin.x), *end = layer.pixel(row) + size_t(right) * layer.channels;
+            if (coloured)
+                for (float* p = begin; p < end; p += 3) std::copy_n(&background.x, 3, p);
+            else
+                std::fill(begin, end, value);
+        }
+    }
+}
+
+/// 0 when all values are finite, without a branch in the loop: infinity - infinity and NaN - NaN are NaN.
 template <class Real>
-void write_colours(const Frame<Real>& frame, const DrawnObject<Real>& object, const FragmentBatch<Real>& batch,
-                   DrawStatistics& statistics) {
-    Film& film = frame.film;
-    const glm::vec3 background(frame.scene.film.background);
+bool all_finite(int count, const Real* __restrict r, const Real* __restrict g, const Real* __restrict b) {
+    int bad = 0;
+    for (int i = 0; i < count; ++i) {
+        const Real sum = (r[i] - r[i]) + (g[i] - g[i]) + (b[i] - b[i]);
+        bad |= sum == 0 ? 0 : 1;
+    }
+    return bad == 0;
+}
+
+/// Counts values that are not finite and keeps the topmost, then leftmost, with what went into it.
+template <class Real>
+void note_not_finite(const Frame<Real>& frame, const DrawnObject<Real>& object, const FragmentBatch<Real>& batch,
+                     DrawStatistics& statistics) {
     for (int i = 0; i < batch.count; ++i) {
         const glm::vec<3, Real> value(batch.out[0][i], batch.out[1][i], batch.out[2][i]);
-        float* total = film.layers[0].pixel(batch.pixel[i]);
+        if (std::isfinite(value.x) && std::isfinite(value.y) && std::isfinite(value.z)) continue;
+        ++statistics.not_finite_fragments;
+        const int x = batch.pixel[i] % frame.film.width, y = batch.pixel[i] / frame.film.width;
+        if (statistics.first_not_finite &&
+            std::pair(y, x) >= std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x))
+            continue;
+        const auto in = [&](int k) { return glm::dvec3(batch.in[k][i], batch.in[k + 1][i], batch.in[k + 2][i]); };
+        const Material& material = frame.scene.materials[object.object->material];
+        statistics.first_not_finite = {x, y, material.name, material.model, in(0), in(3), in(6), glm::dvec3(value)};
+    }
+}
+
+template <class Real>
+void write_colours(const Frame<Real>& frame, const FragmentBatch<Real>& batch) {
+    Film& film = frame.film;
+    const glm::vec3 background(frame.scene.film.background);
+    float* total = film.layers[0].data.data();
+    for (int i = 0; i < batch.count; ++i) {
+        float* pixel = total + 3 * size_t(batch.pixel[i]);
+        const float weight = batch.weight[i];
         for (int c = 0; c < 3; ++c) {
-            if (batch.weight[i] == 1)
-                total[c] = float(value[c]);
-            else
-                total[c] += batch.weight[i] * (float(value[c]) - background[c]);
-        }
-        if (!(std::isfinite(value.x) && std::isfinite(value.y) && std::isfinite(value.z))) {
-            ++statistics.not_finite_fragments;
-            const int x = batch.pixel[i] % film.width, y = batch.pixel[i] / film.width;
-            if (!statistics.first_not_finite ||
-                std::pair(y, x) < std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x)) {
-                const auto in = [&](int k) {
-                    return glm::dvec3(batch.in[k][i], batch.in[k + 1][i], batch.in[k + 2][i]);
-                };
-                const Material& material = frame.scene.materials[object.object->material];
-                statistics.first_not_finite = {x,     y,     material.name, material.model,
-                                               in(0), in(3), in(6),         glm::dvec3(value)};
-            }
+            const float value = float(batch.out[c][i]);
+            pixel[c] = weight == 1 ? value : pixel[c] + weight * (value - background[c]);
         }
     }
     if (!frame.features.term_layers) return;
     for (int layer = 1; layer <= 3; ++layer)
         for (int i = 0; i < batch.count; ++i)
-            for (int c = 0; c < 3; ++c)
-                film.layers[layer].pixel(batch.pixel[i])[c] += batch.weight[i] * float(batch.out[3 * layer + c][i]);
-    for (int i = 0; i < batch.count; ++i) film.layers[4].data[batch.pixel[i]] += batch.weight[i];
+            for (int c = 0; c < 3; ++c) {
+                float& pixel = film.layers[layer].pixel(batch.pixel[i])[c];
+                const float value = float(batch.out[3 * layer + c][i]);
+                pixel = batch.weight[i] == 1 ? value : pixel + batch.weight[i] * value;
+            }
+    for (int i = 0; i < batch.count; ++i) {
+        float& coverage = film.layers[4].data[batch.pixel[i]];
+        coverage = batch.weight[i] == 1 ? 1 : coverage + batch.weight[i];
+    }
 }
 
 template <class Real>
-void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const VisibilityTile& tile,
-                    const Fragment* fragments, glm::ivec2 origin, const FragmentBatch<Real>& batch) {
+void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const TileView& view,
+                    const Fragment* fragments, const FragmentBatch<Real>& batch) {
     Layer &id = *frame.film.find("id"), &depth = *frame.film.find("depth"), &normal = *frame.film.find("normal"),
           &position = *frame.film.find("position");
     for (int i = 0; i < batch.count; ++i) {
         const size_t pixel = size_t(batch.pixel[i]);
         id.data[pixel] = float(object.object - frame.scene.objects.data() + 1);
-        depth.data[pixel] = tile.depth[size_t(fragments[i].y - origin.y) * tile_size + fragments[i].x - origin.x];
+        depth.data[pixel] = view.samples.depth[size_t(fragments[i].y) * tile_size + fragments[i].x];
         for (int c = 0; c < 3; ++c) {
             normal.pixel(pixel)[c] = float(batch.in[c][i]);
             position.pixel(pixel)[c] = float(batch.in[3 + c][i]);
@@ -387,21 +212,129 @@ void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, c
     }
 }
 
+/// The depth of each pixel's first sample.
+void write_depth(const TileView& view, glm::ivec2 origin, Film& film) {
+    const int width = std::min(tile_size, film.width - origin.x), height = std::min(tile_size, film.height - origin.y);
+    for (int y = 0; y < height; ++y)
+        std::copy_n(&view.samples.depth[size_t(y) * tile_size], width,
+                    film.find("depth")->pixel(size_t(film.height - 1 - origin.y - y) * film.width + origin.x));
+}
+
+// ---------------------------------------------------------------------------------------------- tiles
+
+struct Fragments {
+    std::vector<Fragment> list;  ///< as long as was ever needed
+    size_t count = 0;
+    bool full = false;  ///< every pixel is covered whole, by one triangle
+};
+
+/// Stage 4 for a tile: front faces in the scene's order, then back faces. Ids: whether it is asked who is nearest.
+template <bool Ids, class Real>
+void see(const Frame<Real>& frame, const Buffers& buffers, const TileGrid& grid, int tile,
+         const std::vector<glm::ivec2>& samples, TileView& view) {
+    const size_t size = samples.size() * tile_size * tile_size;
+    view.samples.depth.assign(size, 1.0f);
+    if (Ids) view.samples.triangle.assign(size, no_triangle);
+    view.triangles.clear();
+    view.ranges.clear();
+    float* depth = view.samples.depth.data();
+    uint32_t number = 0;
+    FarthestDepth farthest;
+    for (const int facing : {0, 1}) {
+        if (facing == 1) farthest.update(depth, samples.size());
+        for (const Stretch& stretch : buffers.stretches) {
+            const std::vector<uint32_t>& bin = stretch.bins[size_t(facing * grid.across * grid.down + tile)];
+            const auto triangle_of = [&](uint32_t entry) {
+                return entry & Stretch::is_piece ? stretch.pieces[entry & ~Stretch::is_piece].triangle : entry;
+            };
+            for (size_t begin = 0; begin < bin.size();) {
+                const DrawnObject<Real>& object = frame.object_of(triangle_of(bin[begin]));
+                const uint32_t behind = object.first_triangle + uint32_t(object.mesh->triangle_count());
+                size_t end = bin.size();
+                if (triangle_of(bin.back()) >= behind)
+                    end = size_t(std::partition_point(bin.begin() + int64_t(begin), bin.end(),
+                                                      [&](uint32_t entry) { return triangle_of(entry) < behind; }) -
+                                 bin.begin());
+                const TriangleList list{&bin[begin], end - begin, &buffers.screen[object.first_vertex],
+                                        object.mesh->indices.data() - 3 * size_t(object.first_triangle),
+                                        stretch.pieces.data()};
+                rasterize<Ids>(list, grid.origin(tile), samples, facing == 1 ? &farthest : nullptr, number, depth,
+                               view.samples.triangle.data());
+                if (Ids) {
+                    const uint32_t index = uint32_t(&object - frame.objects.data());
+                    if (view.ranges.empty() || view.ranges.back().object != index)
+                        view.ranges.push_back({number, index});
+                    for (size_t i = begin; i < end; ++i) view.triangles.push_back(triangle_of(bin[i]));
+                }
+                number += uint32_t(end - begin);
+                begin = end;
+            }
+        }
+    }
+}
+
+/// The distinct triangles that each pixel of a tile sees, with the share of its samples, row by row; returns their number.
+/// `full`: whether no sample of the tile shows the background.
+template <int Samples>
+size_t collect_fragments(const TileView& view, int sample_count, glm::ivec2 origin, const TileGrid& grid,
+                         Fragment* const out, bool& full) {
+    constexpr size_t plane = size_t(tile_size) * tile_size;
+    const int width = std::min(tile_size, grid.width - origin.x), height = std::min(tile_size, grid.height - origin.y);
+    const int samples = Samples ? Samples : sample_count;
+    const float share = 1.0f / float(samples);
+    Fragment* end = out;
+    full = true;
+    for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+            const uint32_t* id = &view.samples.triangle[size_t(y) * tile_size + x];
+            bool one = true;
+            for (int s = 1; s < samples; ++s) one &= id[size_t(s) * plane] == id[0];
+            if (one) {
+                *end = {uint16_t(x), uint16_t(y), id[0], 1.0f};
+                end += id[0] != no_triangle;
+                full &= id[0] != no_triangle;
+                continue;
+            }
+            Fragment* first = end;
+            for (int s = 0; s < samples; ++s) {
+                const uint32_t place = id[size_t(s) * plane];
+                full = false;  // a mixed pixel adds to what is there
+                if (place == no_triangle) continue;
+                Fragment* seen = first;
+                while (seen != end && seen->place != place) ++seen;
+                if (seen == end) *end++ = {uint16_t(x), uint16_t(y), place, 0};
+                seen->weight += share;
+            }
+        }
+    return size_t(end - out);
+}
+
+void collect_fragments(const TileView& view, int samples, glm::ivec2 origin, const TileGrid& grid, Fragments& out) {
+    out.list.resize(std::max(out.list.size(), size_t(samples) * tile_size * tile_size + 1));
+    const auto collect = samples == 1   ? collect_fragments<1>
+                         : samples == 4 ? collect_fragments<4>
+                                        : collect_fragments<0>;
+    out.count = collect(view, samples, origin, grid, out.list.data(), out.full);
+}
+
 /// Calls visit(object, fragments, count) for runs of at most a batch of fragments of one object.
 template <class Real, class Visit>
-void for_each_batch(const Frame<Real>& frame, std::vector<Fragment>& fragments, Visit visit) {
-    if (frame.objects.size() > 1)
-        std::stable_sort(fragments.begin(), fragments.end(), [&](const Fragment& a, const Fragment& b) {
-            return &frame.object_of(a.triangle) < &frame.object_of(b.triangle);
-        });
-    for (size_t begin = 0; begin < fragments.size();) {
-        const DrawnObject<Real>& object = frame.object_of(fragments[begin].triangle);
-        const uint32_t end_triangle = object.first_triangle + uint32_t(object.mesh->triangle_count());
-        size_t end = begin;
-        while (end < fragments.size() && end - begin < size_t(FragmentBatch<Real>::capacity) &&
-               fragments[end].triangle < end_triangle)
-            ++end;
-        visit(object, &fragments[begin], int(end - begin));
+void for_each_batch(const Frame<Real>& frame, const TileView& view, Fragments& fragments, Visit visit) {
+    const auto range_of = [&](const Fragment& fragment) {
+        return std::upper_bound(view.ranges.begin(), view.ranges.end(), fragment.place,
+                                [](uint32_t place, const TileView::Range& range) { return place < range.first; }) -
+               1;
+    };
+    if (view.ranges.size() > 1)
+        std::stable_sort(
+            fragments.list.begin(), fragments.list.begin() + int64_t(fragments.count),
+            [&](const Fragment& a, const Fragment& b) { return range_of(a)->object < range_of(b)->object; });
+    for (size_t begin = 0; begin < fragments.count;) {
+        const uint32_t object = range_of(fragments.list[begin])->object;
+        const size_t most = std::min(fragments.count, begin + size_t(FragmentBatch<Real>::capacity));
+        size_t end = view.ranges.size() == 1 ? most : begin;
+        while (end < most && range_of(fragments.list[end])->object == object) ++end;
+        visit(frame.objects[object], &fragments.list[begin], int(end - begin));
         begin = end;
     }
 }
@@ -416,85 +349,103 @@ void merge(DrawStatistics& into, const DrawStatistics& from) {
     if (a && (!b || std::pair(a->y, a->x) < std::pair(b->y, b->x))) into.first_not_finite = a;
 }
 
-}  // namespace
-
 template <class Real>
-DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
-                    const plugin::Table<Real>& plugin, Film& film) {
+DrawStatistics draw_here(const Scene& scene, const Features& features, const FrameFacts& facts,
+                         const std::vector<Mesh>& meshes, const plugin::Table<Real>* plugin, Film& film,
+                         Workspace& workspace) {
     DrawStatistics statistics;
     const double start = now_ms();
-    Frame<Real> frame{
-        scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), plugin.terms ? 12 : 3};
-    for (int i : features.lights) {
-        const std::vector<double> light = scene.lights[i].flatten();
-        frame.lights.emplace_back(light.begin(), light.end());
+    Frame<Real> frame{scene, features, plugin, film, {}, {}, glm::vec<3, Real>(scene.camera.eye), 0};
+    if (plugin) {
+        frame.layers_out = plugin->terms ? 12 : 3;
+        for (const std::vector<double>& light : facts.lights) frame.lights.emplace_back(light.begin(), light.end());
     }
-    const glm::dmat4 world_to_clip = scene.camera.world_to_clip(double(film.width) / film.height);
-    uint32_t triangle_count = 0;
+    uint32_t vertices = 0, triangles = 0;
     for (size_t i = 0; i < scene.objects.size(); ++i) {
-        frame.objects.push_back(prepare_object(frame, scene.objects[i], meshes[i], world_to_clip, triangle_count));
-        triangle_count += uint32_t(meshes[i].triangle_count());
+        frame.objects.push_back(prepare_object(frame, scene.objects[i], meshes[i], facts, vertices, triangles));
+        vertices += uint32_t(meshes[i].positions.size());
+        triangles += uint32_t(meshes[i].triangle_count());
     }
-    for (DrawnObject<Real>& object : frame.objects)
-        if (object.object->interpolation == Interpolation::gouraud)
-            shade_vertices(frame, object, statistics.lights_at_surface);
-    const double vertices_done = now_ms();
+    if (plugin)
+        for (DrawnObject<Real>& object : frame.objects)
+            if (object.object->interpolation == Interpolation::gouraud)
+                shade_vertices(frame, object, statistics.lights_at_surface);
+    const double objects_done = now_ms();
 
+    if (!workspace.buffers) workspace.buffers = std::make_shared<Buffers>();
+    Buffers& buffers = *static_cast<Buffers*>(workspace.buffers.get());
     const TileGrid grid(film.width, film.height);
-    const int samples = scene.film.samples;
-    const std::vector<BinnedStretch> stretches = bin_scene(frame, grid, samples > 1 ? 128 : 0, statistics);
+    const std::vector<glm::ivec2>&samples = sample_positions(scene.film.samples), &centre = sample_positions(1);
+    bin_scene(frame.objects, grid, samples.size() > 1 ? 128 : 0, buffers, statistics);
     const double bins_done = now_ms();
 
 #pragma omp parallel
     {
         DrawStatistics mine;
-        VisibilityTile tile;
-        std::vector<Fragment> fragments;
+        TileView view;
+        Fragments fragments;
         auto batch = std::make_unique<FragmentBatch<Real>>();
-        const auto see = [&](int index, glm::ivec2 origin, int sample_count) {
-            tile.depth.assign(size_t(sample_count) * tile_size * tile_size, 1.0f);
-            tile.triangle.assign(size_t(sample_count) * tile_size * tile_size, no_triangle);
-            for (const BinnedStretch& stretch : stretches)
-                rasterize_list(stretch.triangles.data(), stretch.bins[index].data(), stretch.bins[index].size(), origin,
-                               sample_count, tile);
-            collect_fragments(tile, sample_count, origin, grid, fragments);
-        };
+        Interpolator<Real> interpolator(frame);
+        const glm::vec3 background(scene.film.background);
 #pragma omp for schedule(dynamic)
-        for (int index = 0; index < grid.across * grid.down; ++index) {
-            const glm::ivec2 origin(index % grid.across * tile_size, index / grid.across * tile_size);
-            const bool anything = std::any_of(stretches.begin(), stretches.end(),
-                                              [&](const BinnedStretch& s) { return !s.bins[index].empty(); });
-            if (!anything) continue;
-            see(index, origin, samples);
-            for_each_batch(frame, fragments, [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
-                batch->count = count;
-                interpolate(frame, object, run, *batch, mine.fallback_normals);
-                if (object.vertices.colour.empty()) mine.lights_at_surface += shade(frame, object, *batch);
-                write_colours(frame, object, *batch, mine);
-                if (features.geometry_layers && samples == 1) write_geometry(frame, object, tile, run, origin, *batch);
-                mine.fragments += count;
-            });
-            if (!features.geometry_layers || samples == 1) continue;
-            see(index, origin, 1);  // geometry layers show the surface at the pixel's centre
-            for_each_batch(frame, fragments, [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
-                int64_t ignored = 0;
-                batch->count = count;
-                interpolate(frame, object, run, *batch, ignored);
-                write_geometry(frame, object, tile, run, origin, *batch);
-            });
+        for (int tile = 0; tile < grid.across * grid.down; ++tile) {
+            const glm::ivec2 origin = grid.origin(tile);
+            const size_t tiles = size_t(grid.across * grid.down);
+            const bool anything =
+                std::any_of(buffers.stretches.begin(), buffers.stretches.end(), [&](const Stretch& s) {
+                    return !s.bins[size_t(tile)].empty() || !s.bins[tiles + size_t(tile)].empty();
+                });
+            if (!anything) {
+                clear(film, origin, background);
+                continue;
+            }
+            if (!plugin) {
+                see<false>(frame, buffers, grid, tile, samples, view);
+                write_depth(view, origin, film);
+                continue;
+            }
+            see<true>(frame, buffers, grid, tile, samples, view);
+            collect_fragments(view, int(samples.size()), origin, grid, fragments);
+            if (!fragments.full) clear(film, origin, background);
+            interpolator.begin_tile(view, origin);
+            for_each_batch(frame, view, fragments,
+                           [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
+                               mine.fallback_normals += interpolator.interpolate(object, run, count, *batch);
+                               if (object.colour.empty()) mine.lights_at_surface += shade(frame, object, *batch);
+                               if (!all_finite(count, batch->out[0], batch->out[1], batch->out[2]))
+                                   note_not_finite(frame, object, *batch, mine);
+                               write_colours(frame, *batch);
+                               if (features.geometry_layers && samples.size() == 1)
+                                   write_geometry(frame, object, view, run, *batch);
+                               mine.fragments += count;
+                           });
+            if (!features.geometry_layers || samples.size() == 1) continue;
+            see<true>(frame, buffers, grid, tile, centre,
+                      view);  // geometry layers show the surface at the pixel's centre
+            collect_fragments(view, 1, origin, grid, fragments);
+            interpolator.begin_tile(view, origin);
+            for_each_batch(frame, view, fragments,
+                           [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
+                               interpolator.interpolate(object, run, count, *batch);
+                               write_geometry(frame, object, view, run, *batch);
+                           });
         }
 #pragma omp critical
         merge(statistics, mine);
     }
-    statistics.vertex_ms = vertices_done - start;
-    statistics.bin_ms = bins_done - vertices_done;
+    statistics.vertex_ms = objects_done - start;
+    statistics.bin_ms = bins_done - objects_done;
     statistics.tile_ms = now_ms() - bins_done;
     return statistics;
 }
 
-template DrawStatistics draw<float>(const Scene&, const Features&, const std::vector<Mesh>&,
-                                    const plugin::Table<float>&, Film&);
-template DrawStatistics draw<double>(const Scene&, const Features&, const std::vector<Mesh>&,
-                                     const plugin::Table<double>&, Film&);
+}  // namespace
+
+#ifdef SHADELAB_LEVEL_MODULE
+extern "C" __attribute__((visibility("default")))
+const DrawTable shadelab_draw_table = {draw_here<float>, draw_here<double>};
+#else
+const DrawTable plain_draw_table = {draw_here<float>, draw_here<double>};
+#endif
 
 }  // namespace shadelab

@@ -26,6 +26,10 @@ Film::Film(int width, int height, const Features& features, glm::dvec3 backgroun
     const auto add = [&](const char* name, int channels) {
         layers.push_back({name, channels, std::vector<float>(pixels * channels, 0.0f)});
     };
+    if (features.depth_only) {
+        add("depth", 1);
+        return;
+    }
     add("total", 3);
     const glm::vec3 colour(background);
     if (colour != glm::vec3(0))
@@ -42,12 +46,6 @@ Film::Film(int width, int height, const Features& features, glm::dvec3 backgroun
         add("normal", 3);
         add("position", 3);
     }
-}
-
-Layer* Film::find(const std::string& name) {
-    const auto found =
-        std::find_if(layers.begin(), layers.end(), [&](const Layer& layer) { return layer.name == name; });
-    return found == layers.end() ? nullptr : &*found;
 }
 
 int Film::channel_count() const {

@@ -2,174 +2,281 @@
 
 #include <shadelab/error.hpp>
 
-#define TINYOBJLOADER_USE_DOUBLE  // object coordinates may be large; they are rounded once, at the end
-#include <tiny_obj_loader.h>
-
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <fstream>
-#include <map>
-#include <sstream>
+#include <limits>
+#include <string_view>
 
 namespace shadelab {
 
 namespace {
 
+// ---- 1. the file as it stands
+
 struct Corner {
-    int position, normal;  ///< indices into the file's v and vn; normal is -1 where the file gives none
+    int position, normal;
 };
 
-std::string one_line(std::string text) {
-    std::replace(text.begin(), text.end(), '\n', ' ');
-    while (!text.empty() && text.back() == ' ') text.pop_back();
+struct Face {
+    int line;                ///< for messages
+    int corners;             ///< how many of ObjFile::corners are its own
+    int positions, normals;  ///< how many stood above it: negative numbers count back from here
+};
+
+struct ObjFile {
+    std::string name;
+    std::vector<glm::dvec3> positions, normals;
+    std::vector<Face> faces;
+    /// Face after face. As written: counted from 1, or negative to count back. From resolve_numbers on: indices from 0.
+    std::vector<Corner> corners;
+    bool materials = false;
+
+    [[noreturn]] void fail(int line, const std::string& what) const {
+        throw InputError(name + ":" + std::to_string(line) + ": " + what);
+    }
+};
+
+constexpr int no_normal = std::numeric_limits<int>::min();  ///< in a corner that names none
+
+std::string read_text(const std::filesystem::path& file, const std::string& where) {
+    std::ifstream in(file, std::ios::binary);
+    std::error_code not_a_file;
+    const uintmax_t size = std::filesystem::file_size(file, not_a_file);
+    std::string text(not_a_file ? 0 : size, '\0');
+    if (not_a_file || !in.read(text.data(), std::streamsize(size)))
+        throw InputError((where.empty() ? "" : where + ": ") + "the mesh " + file.string() +
+                         " cannot be read; does the file exist? (./shadelab doctor says which meshes are there)");
     return text;
 }
 
-struct ObjFile {
-    std::vector<glm::dvec3> positions, normals;
-    std::vector<Corner> corners;  ///< three per triangle
-    std::vector<std::string> notes;
-    int thin_faces = 0;  ///< faces of fewer than three vertices
-};
+/// A place in the text. Only next_line passes the end of a line or the comment before it.
+struct Cursor {
+    const char *at, *end;
+    int line = 1;
 
-/// What the loader passes over in silence: it reads "nan", "inf" and words as 0 and leaves out polygons whose indices do not
-/// exist. Read here line by line, so that messages can name the line.
-struct CheckedStatements {
-    std::vector<size_t> not_finite;  ///< vertices, counted from 0
-    int thin_faces = 0;
-};
+    static bool is_line_end(char c) { return c == '\n' || c == '\r'; }
+    static bool is_blank(char c) { return c == ' ' || c == '\t'; }
+    bool starts(char c) const { return at != end && *at == c; }
+    bool line_ends() const { return at == end || is_line_end(*at) || *at == '#'; }
+    bool word_ends() const { return line_ends() || is_blank(*at); }
 
-CheckedStatements check_statements(std::istream& in, const std::string& file) {
-    CheckedStatements out;
-    struct Face {
-        int line;
-        std::string text;
-        long positions, normals;  ///< how many stood above it: negative indices count from here
-    };
-    std::vector<Face> faces;
-    long positions = 0, normals = 0;
-    std::string line;
-    for (int number = 1; std::getline(in, line); ++number) {
-        const char* at = line.c_str() + std::min(line.find_first_not_of(" \t"), line.size());
-        const auto starts = [&](const char* word, size_t n) {
-            return line.compare(size_t(at - line.c_str()), n, word) == 0 && (at[n] == ' ' || at[n] == '\t');
-        };
-        if (starts("f", 1)) {
-            faces.push_back({number, at + 2, positions, normals});
-        } else if (starts("vn", 2)) {
-            ++normals;
-        } else if (starts("v", 1)) {
-            bool finite = true;
-            at += 2;
-            for (int k = 0; k < 3; ++k) {
-                char* end;
-                finite &= std::isfinite(std::strtod(at, &end));
-                if (end == at) throw InputError(file + ":" + std::to_string(number) + ": a vertex takes three numbers");
-                at = end;
+    void skip_blanks() {
+        while (at != end && is_blank(*at)) ++at;
+    }
+    std::string_view word() {
+        const char* const from = at;
+        while (!word_ends()) ++at;
+        return {from, at};
+    }
+    void next_line() {
+        while (at != end && !is_line_end(*at)) ++at;
+        if (at != end && *at++ == '\r' && starts('\n')) ++at;
+        ++line;
+    }
+
+    /// Whether a number stands here. "nan", "inf" and what is too large for a double are numbers, if not finite ones.
+    bool read(double& value) {
+        const char* const from = at + starts('+');  // from_chars takes no plus
+        const auto [rest, error] = std::from_chars(from, end, value);
+        if (error == std::errc::invalid_argument) return false;
+        if (error == std::errc::result_out_of_range) {
+            const bool tiny = std::string_view(from, rest).find('-', 1) != std::string_view::npos;
+            value = tiny ? 0 : std::numeric_limits<double>::infinity();
+        }
+        at = rest;
+        return word_ends();
+    }
+    bool read(glm::dvec3& value) {
+        for (int k = 0; k < 3; ++k) {
+            skip_blanks();
+            if (!read(value[k])) return false;
+        }
+        return true;
+    }
+    bool read(int& value) {
+        const auto [rest, error] = std::from_chars(at, end, value);
+        at = rest;
+        return error == std::errc();
+    }
+    /// Whether a corner of a face stands here: v, v/t, v//n or v/t/n. The t is passed over: no scene has textures.
+    bool read(Corner& corner) {
+        corner.normal = no_normal;
+        if (!read(corner.position)) return false;
+        if (starts('/')) {
+            ++at;
+            int texture;
+            const bool has_texture = read(texture);
+            if (starts('/')) {
+                ++at;
+                if (!read(corner.normal)) return false;
+            } else if (!has_texture) {
+                return false;
             }
-            if (!finite) out.not_finite.push_back(size_t(positions));
-            ++positions;
         }
+        return word_ends();
     }
-    for (const Face& face : faces) {
-        std::istringstream words(face.text);
-        int corners = 0;
-        for (std::string word; words >> word && word[0] != '#'; ++corners) {
-            const size_t slash = word.rfind('/');
-            const bool has_normal = std::count(word.begin(), word.end(), '/') == 2 && slash + 1 < word.size();
-            const long p = std::strtol(word.c_str(), nullptr, 10),
-                       n = has_normal ? std::strtol(word.c_str() + slash + 1, nullptr, 10) : 1;
-            const auto fail = [&](const char* what, long index, long there) {
-                throw InputError(file + ":" + std::to_string(face.line) + ": the face refers to " + what + " " +
-                                 std::to_string(index) + ", but the file has " + std::to_string(there) +
-                                 (index == 0 ? "; they are counted from 1" : ""));
-            };
-            if (p == 0 || p > positions || -p > face.positions) fail("vertex", p, positions);
-            if (has_normal && (n == 0 || n > normals || -n > face.normals)) fail("normal", n, normals);
-        }
-        out.thin_faces += corners < 3;
-    }
-    return out;
-}
+};
 
-ObjFile read_obj(const std::filesystem::path& file, const std::string& where) {
-    std::ifstream in(file);
-    if (!in || std::filesystem::is_directory(file))
-        throw InputError((where.empty() ? "" : where + ": ") + "the mesh " + file.string() +
-                         " cannot be read; does the file exist? (./shadelab doctor says which meshes are there)");
-    const CheckedStatements checked = check_statements(in, file.string());
-    in.clear();
-    in.seekg(0);
-    // Material libraries are not even opened: the scene file gives the materials.
-    struct IgnoreMaterials : tinyobj::MaterialReader {
-        bool seen = false;
-        bool operator()(const std::string&, std::vector<tinyobj::material_t>*, std::map<std::string, int>*,
-                        std::string*, std::string*) override {
-            seen = true;
-            return true;
-        }
-    } materials_reader;
-    tinyobj::attrib_t attributes;
-    std::vector<tinyobj::shape_t> shapes;
-    std::vector<tinyobj::material_t> materials;
-    std::string warning, error;
-    const bool triangulate = true, default_colors = false;
-    if (!tinyobj::LoadObj(&attributes, &shapes, &materials, &warning, &error, &in, &materials_reader, triangulate,
-                          default_colors))
-        throw InputError(file.string() + ": not a valid OBJ file: " + one_line(error));
-
+/// One pass, and no locale: std::strtod would read "0.5" as 0 where the decimal point is a comma.
+ObjFile parse(const std::string& name, const std::string& text) {
     ObjFile obj;
-    const auto& v = attributes.vertices;
-    const auto& vn = attributes.normals;
-    for (size_t i = 0; i + 2 < v.size(); i += 3) obj.positions.emplace_back(v[i], v[i + 1], v[i + 2]);
-    for (size_t i = 0; i + 2 < vn.size(); i += 3) obj.normals.emplace_back(vn[i], vn[i + 1], vn[i + 2]);
-    for (const size_t vertex : checked.not_finite) obj.positions.at(vertex) = glm::dvec3(std::nan(""));
-    obj.thin_faces = checked.thin_faces;
-    for (const tinyobj::shape_t& shape : shapes)
-        for (const tinyobj::index_t& index : shape.mesh.indices) {
-            const bool there = index.vertex_index >= 0 && size_t(index.vertex_index) < obj.positions.size() &&
-                               index.normal_index < int(obj.normals.size());
-            if (!there) throw InputError(file.string() + ": a face refers to a vertex or normal that is not there");
-            obj.corners.push_back({index.vertex_index, index.normal_index});
+    obj.name = name;
+    for (Cursor in{text.data(), text.data() + text.size()}; in.at != in.end; in.next_line()) {
+        in.skip_blanks();
+        const std::string_view statement = in.word();
+        if (statement == "v") {
+            if (!in.read(obj.positions.emplace_back())) obj.fail(in.line, "a vertex takes three numbers");
+        } else if (statement == "vn") {
+            if (!in.read(obj.normals.emplace_back())) obj.fail(in.line, "a normal takes three numbers");
+        } else if (statement == "f") {
+            Face& face = obj.faces.emplace_back(Face{in.line, 0, int(obj.positions.size()), int(obj.normals.size())});
+            for (in.skip_blanks(); !in.line_ends(); in.skip_blanks()) {
+                Cursor start = in;
+                if (!in.read(obj.corners.emplace_back()))
+                    obj.fail(in.line, "\"" + std::string(start.word()) + "\" is not a corner: v, v/t, v//n or v/t/n");
+                ++face.corners;
+            }
+        } else if (statement == "mtllib") {
+            obj.materials = true;  // not even opened: the scene file gives the materials
         }
-    if (obj.corners.empty()) throw InputError(file.string() + ": holds no faces");
-    if (materials_reader.seen)
-        obj.notes.push_back(file.filename().string() + ": materials (mtllib) ignored; the scene file gives them");
+    }
     return obj;
 }
 
+/// Only now, because vertices may follow the faces that refer to them.
+void resolve_numbers(ObjFile& obj) {
+    const auto resolve = [&](const Face& face, const char* what, int number, int above, size_t there) {
+        const int64_t index = number > 0 ? int64_t(number) - 1 : int64_t(above) + number;
+        if (number == 0 || index < 0 || index >= int64_t(there))
+            obj.fail(face.line, std::string("the face refers to ") + what + " " + std::to_string(number) +
+                                    ", but the file has " + std::to_string(there) +
+                                    (number == 0 ? "; they are counted from 1" : ""));
+        return int(index);
+    };
+    Corner* corner = obj.corners.data();
+    for (const Face& face : obj.faces)
+        for (int k = 0; k < face.corners; ++k, ++corner) {
+            corner->position = resolve(face, "vertex", corner->position, face.positions, obj.positions.size());
+            if (corner->normal != no_normal)
+                corner->normal = resolve(face, "normal", corner->normal, face.normals, obj.normals.size());
+        }
+}
+
+// ---- 2. triangles: three corners each
+
 bool finite(glm::dvec3 p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 
-/// Not normalised; its length is twice the area. The origin is subtracted in double, so large coordinates do not tilt it.
-glm::dvec3 area_normal(const ObjFile& obj, size_t triangle) {
-    const Corner* corner = &obj.corners[3 * triangle];
-    const glm::dvec3 a = obj.positions[corner[0].position];
-    return glm::cross(obj.positions[corner[1].position] - a, obj.positions[corner[2].position] - a);
+/// Not normalised; its length is twice the area. One point is subtracted in double, so large coordinates do not tilt it.
+glm::dvec3 area_normal(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c) {
+    return glm::cross(b - a, c - a);
 }
 
-void drop_degenerate(ObjFile& obj, int& dropped) {
-    std::vector<Corner> kept;
-    for (size_t t = 0; 3 * t < obj.corners.size(); ++t) {
-        const glm::dvec3 normal = area_normal(obj, t);
-        const bool drawable = finite(normal) && glm::dot(normal, normal) > 0;
-        if (drawable)
-            kept.insert(kept.end(), &obj.corners[3 * t], &obj.corners[3 * t] + 3);
+glm::dvec3 area_normal(const ObjFile& obj, const Corner* triangle) {
+    return area_normal(obj.positions[triangle[0].position], obj.positions[triangle[1].position],
+                       obj.positions[triangle[2].position]);
+}
+
+/// Along the shorter diagonal, for the rounder triangles; along the other where the shorter one lies outside a concave quad.
+template <class Emit>
+void cut_quad(const ObjFile& obj, const Corner* q, const Emit& emit) {
+    const glm::dvec3 p[] = {obj.positions[q[0].position], obj.positions[q[1].position], obj.positions[q[2].position],
+                            obj.positions[q[3].position]};
+    const auto folds = [&](int i) {  // along the diagonal from corner i
+        return glm::dot(area_normal(p[i], p[i + 1], p[i + 2]), area_normal(p[i], p[i + 2], p[(i + 3) % 4])) < 0;
+    };
+    const glm::dvec3 d02 = p[2] - p[0], d13 = p[3] - p[1];
+    const bool shorter02 = glm::dot(d02, d02) < glm::dot(d13, d13);
+    if (shorter02 != folds(shorter02 ? 0 : 1)) {
+        emit(q[0], q[1], q[2]);
+        emit(q[0], q[2], q[3]);
+    } else {
+        emit(q[0], q[1], q[3]);
+        emit(q[1], q[2], q[3]);
+    }
+}
+
+/// Cuts off triangles of three neighbours that hold no other corner ("ears"). Of a convex polygon this leaves a fan.
+template <class Emit>
+void cut_polygon(const ObjFile& obj, std::vector<Corner> rest, const Emit& emit) {
+    const auto at = [&](size_t i) { return obj.positions[rest[i % rest.size()].position]; };
+    glm::dvec3 normal(0);  // of the whole: each fan triangle outside a concave polygon counts negative
+    for (size_t i = 1; i + 1 < rest.size(); ++i) normal += area_normal(at(0), at(i), at(i + 1));
+    const auto side = [&](glm::dvec3 a, glm::dvec3 b, glm::dvec3 p) { return glm::dot(area_normal(a, b, p), normal); };
+    const auto is_ear = [&](size_t i) {
+        const glm::dvec3 a = at(i), b = at(i + 1), c = at(i + 2);
+        bool ear = side(a, b, c) > 0;
+        for (size_t k = 3; ear && k < rest.size(); ++k) {
+            const glm::dvec3 p = at(i + k);
+            ear = p == a || p == b || p == c || side(a, b, p) < 0 || side(b, c, p) < 0 || side(c, a, p) < 0;
+        }
+        return ear;
+    };
+    while (rest.size() > 3) {
+        size_t ear = 0;
+        while (ear < rest.size() && !is_ear(ear)) ++ear;  // without any, the polygon crosses itself or has no area
+        emit(rest[ear % rest.size()], rest[(ear + 1) % rest.size()], rest[(ear + 2) % rest.size()]);
+        rest.erase(rest.begin() + long((ear + 1) % rest.size()));
+    }
+    emit(rest[0], rest[1], rest[2]);
+}
+
+/// What cannot be drawn is only counted.
+std::vector<Corner> triangulate(const ObjFile& obj, int& dropped) {
+    std::vector<Corner> triangles;
+    triangles.reserve(obj.corners.size());
+    const auto emit = [&](Corner a, Corner b, Corner c) {
+        const Corner triangle[] = {a, b, c};
+        const double size = glm::length(area_normal(obj, triangle));
+        if (size > 0 && std::isfinite(size))
+            triangles.insert(triangles.end(), triangle, triangle + 3);
         else
             ++dropped;
+    };
+    const Corner* corner = obj.corners.data();
+    for (const Face& face : obj.faces) {
+        if (face.corners < 3)
+            ++dropped;
+        else if (face.corners == 3)
+            emit(corner[0], corner[1], corner[2]);
+        else if (face.corners == 4)
+            cut_quad(obj, corner, emit);
+        else
+            cut_polygon(obj, {corner, corner + face.corners}, emit);
+        corner += face.corners;
     }
-    obj.corners.swap(kept);
+    return triangles;
 }
 
+/// What is subtracted from the positions before they are rounded.
+glm::dvec3 origin_of(const ObjFile& obj, const std::vector<Corner>& triangles) {
+    // Where a mesh lies farther out than this many times its size, float32 would spend more than 4 of its 24 bits on the
+    // place and fewer than 20 on the shape. Meshes that lie nearer, which is nearly all, keep the coordinates of their file.
+    constexpr double far_out = 16;
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    glm::dvec3 low(infinity), high(-infinity);
+    for (const Corner& corner : triangles) {
+        low = glm::min(low, obj.positions[corner.position]);
+        high = glm::max(high, obj.positions[corner.position]);
+    }
+    const glm::dvec3 centre = low + (high - low) / 2.0;
+    return glm::length(centre) > far_out * glm::length(high - low) ? centre : glm::dvec3(0);
+}
+
+// ---- 3. normals
+
 /// The angle-weighted sums of face normals at each position, and the sums of the weights.
-void accumulate_normals(const ObjFile& obj, std::vector<glm::dvec3>& sums, std::vector<double>& weights) {
+void accumulate_normals(const ObjFile& obj, const std::vector<Corner>& triangles, std::vector<glm::dvec3>& sums,
+                        std::vector<double>& weights) {
     sums.assign(obj.positions.size(), glm::dvec3(0));
     weights.assign(obj.positions.size(), 0);
-    for (size_t t = 0; 3 * t < obj.corners.size(); ++t) {
-        const glm::dvec3 face = glm::normalize(area_normal(obj, t));
-        for (int k = 0; k < 3; ++k) {
-            const int p = obj.corners[3 * t + k].position;
-            const glm::dvec3 a = obj.positions[obj.corners[3 * t + (k + 1) % 3].position] - obj.positions[p];
-            const glm::dvec3 b = obj.positions[obj.corners[3 * t + (k + 2) % 3].position] - obj.positions[p];
+    for (size_t t = 0; t < triangles.size(); t += 3) {
+        const glm::dvec3 face = glm::normalize(area_normal(obj, &triangles[t]));
+        for (size_t k = 0; k < 3; ++k) {
+            const int p = triangles[t + k].position;
+            const glm::dvec3 a = obj.positions[triangles[t + (k + 1) % 3].position] - obj.positions[p];
+            const glm::dvec3 b = obj.positions[triangles[t + (k + 2) % 3].position] - obj.positions[p];
             // atan2 and not acos: exact for the thin angles of slivers, where a cosine has no digits left.
             const double angle = std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b));
             sums[p] += angle * face;
@@ -181,21 +288,25 @@ void accumulate_normals(const ObjFile& obj, std::vector<glm::dvec3>& sums, std::
 }  // namespace
 
 Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::string& where) {
-    ObjFile obj = read_obj(file, where);
+    ObjFile obj = parse(file.string(), read_text(file, where));
+    resolve_numbers(obj);
+    if (std::none_of(obj.faces.begin(), obj.faces.end(), [](const Face& face) { return face.corners >= 3; }))
+        throw InputError(file.string() + ": holds no faces");
+
     Mesh mesh;
-    mesh.notes = obj.notes;
-    mesh.dropped_triangles = obj.thin_faces;
-    drop_degenerate(obj, mesh.dropped_triangles);
+    const auto note = [&](const std::string& text) { mesh.notes.push_back(file.filename().string() + ": " + text); };
+    if (obj.materials) note("materials (mtllib) ignored; the scene file gives them");
+    const std::vector<Corner> triangles = triangulate(obj, mesh.dropped_triangles);
+    mesh.origin = origin_of(obj, triangles);
     if (mesh.dropped_triangles > 0)
-        mesh.notes.push_back(file.filename().string() + ": " + std::to_string(mesh.dropped_triangles) +
-                             " triangles without area or with coordinates that are not finite were left out");
+        note(std::to_string(mesh.dropped_triangles) +
+             " triangles without area or with coordinates that are not finite were left out");
 
     const auto lacks_normal = [&](const Corner& c) {
-        return c.normal < 0 || !(glm::length(obj.normals[c.normal]) > 0);
+        return c.normal == no_normal || !finite(obj.normals[c.normal]) || !(glm::length(obj.normals[c.normal]) > 0);
     };
-    if (mode == Normals::file && std::any_of(obj.corners.begin(), obj.corners.end(), lacks_normal)) {
-        mesh.notes.push_back(file.filename().string() +
-                             ": normals = \"file\", but not every face has some; smooth ones are used instead");
+    if (mode == Normals::file && std::any_of(triangles.begin(), triangles.end(), lacks_normal)) {
+        note("normals = \"file\", but not every face has some; smooth ones are used instead");
         mode = Normals::smooth;
     }
 
@@ -203,7 +314,7 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
     std::vector<double> weights;
     std::vector<char> cancelled(obj.positions.size(), false);
     if (mode == Normals::smooth) {
-        accumulate_normals(obj, sums, weights);
+        accumulate_normals(obj, triangles, sums, weights);
         for (size_t p = 0; p < sums.size(); ++p) {
             // Below this the direction of the sum is rounding noise: float32 inputs carry about 1e-7.
             cancelled[p] = weights[p] > 0 && glm::length(sums[p]) < 1e-6 * weights[p];
@@ -211,44 +322,40 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
         }
     }
 
-    // One output vertex per distinct (position, normal); a face normal of its own is told apart by the triangle's number.
-    std::map<std::pair<int, int64_t>, uint32_t> vertex_of_key;
-    std::vector<int64_t> shared(obj.positions.size(), -1);
-    for (size_t t = 0; 3 * t < obj.corners.size(); ++t) {
-        glm::vec3 corner_normals[3];
-        for (int k = 0; k < 3; ++k) {
-            const Corner corner = obj.corners[3 * t + k];
+    // One output vertex per distinct (position, normal), found again in a list for each position, which is short: it holds one
+    // smooth normal or those of the file. Vertices with a face normal of their own stand in no list.
+    constexpr uint32_t none = std::numeric_limits<uint32_t>::max();
+    std::vector<uint32_t> latest(obj.positions.size(), none), earlier;
+    std::vector<int> file_normal;  // of each output vertex
+    mesh.indices.reserve(triangles.size());
+    for (size_t t = 0; t < triangles.size(); t += 3) {
+        for (size_t k = 0; k < 3; ++k) {
+            const Corner corner = triangles[t + k];
             const bool own = mode == Normals::flat || (mode == Normals::smooth && cancelled[corner.position]);
-            const bool from_file = !own && mode == Normals::file;
-            uint32_t vertex;
-            bool fresh = false;
-            if (!own && !from_file) {  // the common case, without a map
-                fresh = shared[corner.position] < 0;
-                if (fresh) shared[corner.position] = int64_t(mesh.positions.size());
-                vertex = uint32_t(shared[corner.position]);
-            } else {
-                const int64_t key = own ? -1 - int64_t(t) : corner.normal;
-                const auto [entry, inserted] =
-                    vertex_of_key.try_emplace({corner.position, key}, uint32_t(mesh.positions.size()));
-                fresh = inserted;
-                vertex = entry->second;
-            }
-            if (fresh) {
-                const glm::dvec3 normal = own         ? area_normal(obj, t)
-                                          : from_file ? obj.normals[corner.normal]
-                                                      : sums[corner.position];
-                mesh.positions.push_back(glm::vec3(obj.positions[corner.position]));
+            uint32_t vertex = own ? none : latest[corner.position];
+            while (mode == Normals::file && vertex != none && file_normal[vertex] != corner.normal)
+                vertex = earlier[vertex];
+            if (vertex == none) {
+                vertex = uint32_t(mesh.positions.size());
+                const glm::dvec3 normal = own                     ? area_normal(obj, &triangles[t])
+                                          : mode == Normals::file ? obj.normals[corner.normal]
+                                                                  : sums[corner.position];
+                mesh.positions.push_back(glm::vec3(obj.positions[corner.position] - mesh.origin));
                 mesh.normals.push_back(glm::vec3(glm::normalize(normal)));
+                earlier.push_back(latest[corner.position]);
+                file_normal.push_back(corner.normal);
+                if (!own) latest[corner.position] = vertex;
             }
             mesh.indices.push_back(vertex);
-            corner_normals[k] = mesh.normals[vertex];
         }
+        const uint32_t* corner = &mesh.indices[t];
         for (int k = 0; k < 3; ++k)
-            mesh.opposing_normals |= glm::dot(corner_normals[k], corner_normals[(k + 1) % 3]) < 0;
+            mesh.opposing_normals |= glm::dot(mesh.normals[corner[k]], mesh.normals[corner[(k + 1) % 3]]) < 0;
     }
     if (mesh.cancelled_normals > 0)
-        mesh.notes.push_back(file.filename().string() + ": " + std::to_string(mesh.cancelled_normals) +
-                             " vertices whose face normals cancel use the face normals");
+        note(std::to_string(mesh.cancelled_normals) + " vertices whose face normals cancel use the face normals");
+    mesh.low = mesh.high = mesh.positions.empty() ? glm::vec3(0) : mesh.positions[0];
+    for (const glm::vec3& p : mesh.positions) mesh.low = glm::min(mesh.low, p), mesh.high = glm::max(mesh.high, p);
     return mesh;
 }
 

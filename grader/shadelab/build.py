@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from shadelab.errors import InfrastructureError
+from shadelab.errors import InfrastructureError, UserError
 from shadelab.manifest import Assignment, load_assignment
 from shadelab.paths import FRAMEWORK, RENDER, STATE
 from shadelab.sandbox import Limits, Sandbox, work_folder
@@ -38,18 +38,41 @@ class BuildError(Exception):
     message: str
 
 
+LEVELS = ("plain", "v2", "v3", "v4")
+_needed = {
+    "v2": {"sse4_2", "popcnt"},
+    "v3": {"avx2", "fma", "bmi2"},
+    "v4": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"},
+}
+
+
 @cache
-def _architecture() -> list[str]:
-    """Plugins are built where they run, so they may use what this processor has. It changes the speed and no bit."""
+def processor_level() -> str:
+    """The x86-64 level whose instructions renderer and plugins use: SHADELAB_LEVEL, or the best that the processor has.
+
+    It changes the speed and no bit. "plain" is the compiler's default, and what other processors have.
+    """
     try:
         flags = set(re.search(r"^flags\s*:(.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE).group(1).split())
     except (OSError, AttributeError):
-        return []
-    if {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= flags:
-        return ["-march=x86-64-v4"]
-    if {"avx2", "fma", "bmi2"} <= flags:
-        return ["-march=x86-64-v3"]
-    return []
+        flags = set()
+    best = "plain"
+    for level in LEVELS[1:]:
+        if not _needed[level] <= flags:
+            break
+        best = level
+    asked = os.environ.get("SHADELAB_LEVEL") or best
+    if asked not in LEVELS:
+        raise UserError(f"SHADELAB_LEVEL={asked}: must be plain, v2, v3 or v4")
+    if LEVELS.index(asked) > LEVELS.index(best):
+        raise UserError(f"SHADELAB_LEVEL={asked}: this processor has {best} at most")
+    return asked
+
+
+def _architecture() -> list[str]:
+    """Plugins are built where they run, so they may use what this processor has."""
+    level = processor_level()
+    return [] if level == "plain" else [f"-march=x86-64-{level}"]
 
 
 @cache

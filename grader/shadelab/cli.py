@@ -444,6 +444,48 @@ def starter(
 
 
 @app.command()
+def bench(
+    json_: Annotated[
+        Optional[str], typer.Option("--json", metavar="FILE|-", help="write all numbers here; - is stdout")
+    ] = None,
+    only: Annotated[
+        str, typer.Option(metavar="GLOB", help="only measurements whose name matches, for example 'knot-70k/depth/*'")
+    ] = "*",
+    pairs: Annotated[int, typer.Option(min=15, max=1000, help="at least this many pairs of frames a case")] = 15,
+    level: Annotated[
+        Optional[Literal["plain", "v2", "v3", "v4"]],
+        typer.Option(help="of x86-64 (default: the processor's best); below v3 llvmpipe is held to SSE, too"),
+    ] = None,
+    threads: Annotated[
+        Optional[int], typer.Option(min=1, max=256, help="for both (default: 2, where there are two processors)")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="a few cases of each kind")] = False,
+    readme: Annotated[bool, typer.Option("--readme", help="rewrite the table in README.md")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with a run that was interrupted")] = False,
+) -> None:
+    """Time our rasterizer and llvmpipe in turn, with the error of each against the double build beside the times."""
+    import json
+
+    from shadelab.bench import print_report, write_readme
+    from shadelab.bench import run as run_bench
+
+    if readme and (quick or only != "*"):
+        raise UserError("--readme: the table holds all cases; leave --quick and --only out")
+    if json_ and json_ != "-" and not Path(json_).absolute().parent.is_dir():
+        raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
+    with progress_bar() as progress:
+        numbers = run_bench(only, pairs, level, threads, quick, resume, progress)
+    text = json.dumps(numbers, indent=1) + "\n"
+    if json_ == "-":
+        print(text, end="")
+    elif json_:
+        Path(json_).write_text(text)
+    print_report(numbers, errors if json_ == "-" else Console(highlight=False))
+    if readme:
+        write_readme(numbers)
+
+
+@app.command()
 def doctor() -> None:
     """Say what this machine can do, and how to mend what it can't."""
     from shadelab.doctor import examine

@@ -13,6 +13,7 @@ Tables are raw float32, images .npy. For each job the status file gets a line {"
 import json
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ class Client:
         self.context = create_context()
         self.prelude, self.student = prelude, student
         self.programs: dict[tuple[str, str], moderngl.Program] = {}
+        self.last_set: dict[int, Object] = {}  # by program (glo): whose uniforms it holds
 
     def program(self, vertex: str, fragment: str) -> moderngl.Program:
         if (vertex, fragment) not in self.programs:
@@ -54,6 +56,13 @@ class Client:
         return (
             assemble(self.prelude, self.student, main) if with_student else f"#version 330\n#line {MAIN_LINE}\n{main}"
         )
+
+    def set_uniforms(self, which: "Object") -> None:
+        """Objects may share a program: its uniforms are set when another object was the last to use it."""
+        if self.last_set.get(which.program.glo) is not which:
+            for uniform, value in which.uniforms:
+                uniform.write(value)
+            self.last_set[which.program.glo] = which
 
     # ------------------------------------------------------------------------------------------------- functions
 
@@ -92,79 +101,160 @@ class Client:
 
     def draw(self, packet: "Packet") -> np.ndarray:
         """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them."""
-        header = packet.header
-        names = ["total", "ambient", "diffuse", "specular"] if header["terms"] else ["total"]
-        background = header["background"]
-        clear = [(*background, 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (len(names) - 1)
-        images = self.pass_over(packet, "program", "programs", clear, header["samples"])
-        if not header["terms"]:
-            return box_filter(images[0][..., :3], header["supersample"])
-        coverage = images[0][..., 3:]
-        shaded = box_filter(np.concatenate([i[..., :3] for i in images] + [coverage], axis=2), header["supersample"])
-        if not header["geometry"]:
-            return shaded
-        geometry = self.pass_over(
-            packet, "geometry_program", "geometry_programs", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1
-        )
-        ids, depth = geometry[0][..., 3:], geometry[1][..., 3:]
-        centre = header["supersample"] // 2
-        layers = np.concatenate([ids, depth, geometry[0][..., :3], geometry[1][..., :3]], axis=2)
-        return np.concatenate(
-            [shaded, layers[centre :: header["supersample"], centre :: header["supersample"]]], axis=2
+        images = []
+        for each in passes(packet.header):
+            frame = Frame(self, packet, each)
+            frame.draw()
+            images.append(frame.read())
+            frame.release()
+        return film(packet.header, images)
+
+
+@dataclass
+class Pass:
+    """One pass over the objects. `program` names the entry of each draw and, with an s, of the header's list of texts."""
+
+    program: str
+    clear: list[tuple[float, ...]]  # one colour per target
+    samples: int
+
+
+def passes(header: dict[str, Any]) -> list[Pass]:
+    """The shaded pass and, where the layers are asked for, that of ids, depths, normals and positions."""
+    targets = 4 if header["terms"] else 1  # total, ambient, diffuse, specular
+    background = [(*header["background"], 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (targets - 1)
+    shaded = Pass("program", background, header["samples"])
+    if not (header["terms"] and header["geometry"]):
+        return [shaded]
+    return [shaded, Pass("geometry_program", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1)]
+
+
+def film(header: dict[str, Any], images: list[list[np.ndarray]]) -> np.ndarray:
+    """One image out of what each pass has drawn, with the channels in the C++ film's order."""
+    factor = header["supersample"]
+    if not header["terms"]:
+        return box_filter(images[0][0][..., :3], factor)
+    coverage = images[0][0][..., 3:]
+    shaded = box_filter(np.concatenate([i[..., :3] for i in images[0]] + [coverage], axis=2), factor)
+    if not header["geometry"]:
+        return shaded
+    ids_normals, depths_positions = images[1]
+    layers = np.concatenate(
+        [ids_normals[..., 3:], depths_positions[..., 3:], ids_normals[..., :3], depths_positions[..., :3]], axis=2
+    )
+    centre = factor // 2
+    return np.concatenate([shaded, layers[centre::factor, centre::factor]], axis=2)
+
+
+@dataclass
+class Object:
+    """What one draw call needs, on the OpenGL side."""
+
+    program: moderngl.Program
+    uniforms: list[tuple[moderngl.Uniform, bytes]]
+    array: moderngl.VertexArray
+    buffers: list[moderngl.Buffer]
+
+
+class Objects:
+    """A packet's objects for one pass: programs, buffers and vertex arrays are made here, once."""
+
+    def __init__(self, client: Client, packet: "Packet", which: str) -> None:
+        self.client = client
+        texts = packet.header[f"{which}s"]
+        # All programs first: a shader that does not compile leaves no buffers behind.
+        programs = [self.program(texts[draw[which]], which == "program") for draw in packet.header["draws"]]
+        self.objects = [self.object(packet, *pair) for pair in zip(packet.header["draws"], programs)]
+
+    def program(self, texts: dict[str, Any], shades: bool) -> moderngl.Program:
+        student_in = "" if not shades else "vertex" if texts["student_in_vertex"] else "fragment"
+        return self.client.program(
+            *(self.client.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
         )
 
-    def pass_over(self, packet: "Packet", which: str, programs: str, clear: list, samples: int) -> list[np.ndarray]:
-        """Draws every object into RGBA32F targets, one per clear colour; returns them with row 0 at the top."""
-        context, header = self.context, packet.header
-        size = (header["width"], header["height"])
-        if samples not in (1, 2, 4):
-            raise UserError(f"{samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
-        resolved = context.framebuffer(
-            [context.texture(size, 4, dtype="f4") for _ in clear], context.depth_texture(size)
-        )
-        target = resolved
-        if samples > 1:
-            target = context.framebuffer(
-                [context.renderbuffer(size, 4, samples=samples, dtype="f4") for _ in clear],
-                context.depth_renderbuffer(size, samples=samples),
-            )
-        target.use()
-        context.enable(moderngl.DEPTH_TEST)
-        # moderngl clears all attachments at once with one colour; each is cleared alone through the others' masks.
-        for k, colour in enumerate(clear):
-            set_masks(target, [j == k for j in range(len(clear))])
-            target.clear(*colour, depth=1.0)
-        set_masks(target, [True] * len(clear))
-        for draw in header["draws"]:
-            texts = header[programs][draw[which]]
-            student_in = "" if which != "program" else "vertex" if texts["student_in_vertex"] else "fragment"
-            program = self.program(
-                *(self.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
-            )
-            for name, value in draw["uniforms"].items():
-                if name in program:  # the compiler drops what a student's function does not read
-                    program[name].write(np.array(value, np.float32).tobytes())
-            buffers = {
-                "shadelab_position": context.buffer(packet.bytes(draw["positions"], 12)),
-                "shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12)),
-            }
-            indices = context.buffer(packet.bytes(draw["indices"], 4))
-            attributes = [(buffer, "3f", name) for name, buffer in buffers.items() if name in program]
-            array = context.vertex_array(program, attributes, indices)
-            array.render(moderngl.TRIANGLES)
-            for resource in [array, indices, *buffers.values()]:
+    def object(self, packet: "Packet", draw: dict[str, Any], program: moderngl.Program) -> Object:
+        context = self.client.context
+        uniforms = [
+            (program[name], np.array(value, np.float32).tobytes())
+            for name, value in draw["uniforms"].items()
+            if name in program  # the compiler drops what a student's function does not read
+        ]
+        vertices = {
+            "shadelab_position": context.buffer(packet.bytes(draw["positions"], 12)),
+            "shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12)),
+        }
+        indices = context.buffer(packet.bytes(draw["indices"], 4))
+        attributes = [(buffer, "3f", name) for name, buffer in vertices.items() if name in program]
+        array = context.vertex_array(program, attributes, indices)
+        return Object(program, uniforms, array, [indices, *vertices.values()])
+
+    def draw(self) -> None:
+        for each in self.objects:
+            self.client.set_uniforms(each)
+            each.array.render(moderngl.TRIANGLES)
+
+    def release(self) -> None:
+        for each in self.objects:
+            for resource in [each.array, *each.buffers]:
                 resource.release()
-        images = []
-        if samples > 1:
-            context.copy_framebuffer(resolved, target)
-        for k in range(len(clear)):
-            data = resolved.read(components=4, attachment=k, dtype="f4")
-            images.append(np.frombuffer(data, np.float32).reshape(size[1], size[0], 4)[::-1])
-        for framebuffer in {id(f): f for f in (target, resolved)}.values():
+
+
+class Frame:
+    """One pass over a packet, ready to be drawn again and again."""
+
+    def __init__(self, client: Client, packet: "Packet", each: Pass, components: int = 4) -> None:
+        """components: of the float32 targets. 3 leaves the coverage out; not every driver draws into such targets."""
+        self.context, self.clear, self.components = client.context, each.clear, components
+        self.size = (packet.header["width"], packet.header["height"])
+        if each.samples not in (1, 2, 4):
+            raise UserError(f"{each.samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
+        self.objects = Objects(client, packet, each.program)
+        textures = [self.context.texture(self.size, components, dtype="f4") for _ in self.clear]
+        if each.samples == 1:
+            self.target = self.resolved = self.context.framebuffer(textures, self.context.depth_texture(self.size))
+            return
+        # Without a depth attachment: only colours are resolved.
+        self.resolved = self.context.framebuffer(textures)
+        self.target = self.context.framebuffer(
+            [self.context.renderbuffer(self.size, components, samples=each.samples, dtype="f4") for _ in self.clear],
+            self.context.depth_renderbuffer(self.size, samples=each.samples),
+        )
+
+    def draw(self) -> None:
+        """Clears, draws every object and averages the samples. The driver may still be at work afterwards."""
+        self.target.use()
+        self.context.enable(moderngl.DEPTH_TEST)
+        # moderngl clears all attachments at once with one colour; others are kept from it by their masks.
+        for colour in dict.fromkeys(self.clear):
+            set_masks(self.target, [colour == other for other in self.clear])
+            self.target.clear(*colour, depth=1.0)
+        set_masks(self.target, [True] * len(self.clear))
+        self.objects.draw()
+        if self.target is not self.resolved:
+            self.context.copy_framebuffer(self.resolved, self.target)
+
+    def buffer(self) -> np.ndarray:
+        """Room for what read_into writes: (targets, H, W, components) float32."""
+        return np.empty((len(self.clear), self.size[1], self.size[0], self.components), np.float32)
+
+    def read_into(self, images: np.ndarray) -> None:
+        """Copies every target once it is drawn, with row 0 at the bottom, as OpenGL has it."""
+        for k, image in enumerate(images):
+            self.resolved.read_into(image, components=self.components, attachment=k, dtype="f4")
+
+    def read(self) -> list[np.ndarray]:
+        """Every target: (H, W, components) float32, row 0 at the top."""
+        images = self.buffer()
+        self.read_into(images)
+        return [image[::-1] for image in images]
+
+    def release(self) -> None:
+        self.objects.release()
+        for framebuffer in {id(f): f for f in (self.target, self.resolved)}.values():
             for attachment in [*framebuffer.color_attachments, framebuffer.depth_attachment]:
-                attachment.release()
+                if attachment is not None:
+                    attachment.release()
             framebuffer.release()
-        return images
 
 
 def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:

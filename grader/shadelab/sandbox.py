@@ -22,6 +22,7 @@ from shadelab.paths import STATE
 
 OUTPUT_KEPT = 4096  # bytes of what the code prints that a report shows
 THREADS = 64
+PASSED_ON = ("SHADELAB_LEVEL", "GLIBC_TUNABLES")  # which processor's code runs; the image is the same
 
 # Set when the user interrupts: the threads that wait for children give up.
 stop_everything = threading.Event()
@@ -120,7 +121,8 @@ class Sandbox:
             "PATH": "/usr/bin:/bin", "HOME": tmp, "TMPDIR": tmp, "LANG": "C.UTF-8",
             "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1",
             # Every thread reserves address space: on a machine of many processors they would not fit under the limit.
-            "OMP_NUM_THREADS": str(min(THREADS, len(os.sched_getaffinity(0)))), **extra,
+            "OMP_NUM_THREADS": str(min(THREADS, len(os.sched_getaffinity(0)))),
+            **{name: os.environ[name] for name in PASSED_ON if name in os.environ}, **extra,
         }  # fmt: skip
 
     def run(

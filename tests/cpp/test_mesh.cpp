@@ -149,6 +149,50 @@ TEST_CASE("normals of a random mesh: unit, and the same after moving it far away
     }
 }
 
+TEST_CASE("large coordinates: the origin is subtracted in double, before anything is rounded") {
+    // A bumpy sheet of 8 x 8 quads, about 2 wide.
+    std::vector<glm::dvec3> points;
+    std::string faces;
+    Random random(31);
+    for (int i = 0; i <= 8; ++i)
+        for (int j = 0; j <= 8; ++j) points.push_back(glm::dvec3(i / 4.0 - 1, j / 4.0 - 1, 0) + random.in_box(0.05));
+    for (int i = 0; i < 8; ++i)
+        for (int j = 0; j < 8; ++j) {
+            const int a = 9 * i + j + 1;
+            const auto n = [](int corner) { return " " + std::to_string(corner); };
+            faces += "f" + n(a) + n(a + 9) + n(a + 10) + "\nf" + n(a) + n(a + 10) + n(a + 1) + "\n";
+        }
+    const auto moved = [&](glm::dvec3 by, Normals mode) {
+        std::string out;
+        char line[200];
+        for (glm::dvec3 p : points) {
+            std::snprintf(line, sizeof line, "v %.17g %.17g %.17g\n", p.x + by.x, p.y + by.y, p.z + by.z);
+            out += line;
+        }
+        return load(out + faces, mode);
+    };
+    for (Normals mode : {Normals::smooth, Normals::flat}) {
+        const Mesh here = moved(glm::dvec3(0), mode), near = moved(glm::dvec3(20, -20, 20), mode);
+        CHECK(here.origin == glm::dvec3(0));
+        CHECK(near.origin == glm::dvec3(0));  // 35 away, 2.9 large: the file's own coordinates, rounded
+        for (const glm::dvec3 by : {glm::dvec3(1e6, -2e6, 1e6), glm::dvec3(0, 0, 1e8), glm::dvec3(1e8)}) {
+            const Mesh there = moved(by, mode);
+            CHECK(glm::length(there.origin - by) < 0.2);  // the middle of the sheet
+            REQUIRE(there.indices == here.indices);
+            // The file's sums are rounded to double; then, as all positions below 2, to float32.
+            const double in_file = glm::length(by) * 0x1p-53, in_float = 2 * 0x1p-24;
+            for (size_t i = 0; i < here.positions.size(); ++i) {
+                const glm::dvec3 p = there.origin + glm::dvec3(there.positions[i]) - by;
+                const glm::dvec3 off = glm::abs(p - glm::dvec3(here.positions[i]));
+                CHECK(std::max({off.x, off.y, off.z}) <= 4 * in_file + 2 * in_float);
+                // Edges are 0.15 and longer: the digits that the file has no room for turn them by so much.
+                CHECK(glm::length(here.normals[i] - there.normals[i]) < 20 * in_file + 4 * in_float);
+                CHECK(glm::length(here.normals[i] - there.normals[i]) < 1e-6);
+            }
+        }
+    }
+}
+
 TEST_CASE("flat normals are the faces', right-handed") {
     const Mesh mesh = load(square + "v 0 0 1\nf 1 2 3 4\nf 1 5 2\n", Normals::flat);
     CHECK(mesh.triangle_count() == 3);
@@ -199,6 +243,37 @@ TEST_CASE("polygons, also concave ones, are cut into triangles of the same area 
         for (glm::vec3 n : mesh->normals) CHECK(n == glm::vec3(0, 0, 1));
     CHECK(arrow.positions.size() == 4);  // what no face uses is not there
     CHECK(load(square + "f 1 2 3 4\n").positions.size() == 4);
+
+    const struct {
+        std::vector<glm::dvec3> corners;
+        double area;
+        size_t triangles;
+    } examples[] = {
+        {{{0, 0, 0}, {2, -0.1, 0}, {4, 0, 0}, {2, 3, 0}, {0.1, 3, 0}}, 9.05, 3},  // convex
+        {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {2, 1, 0}, {0, 1, 0}}, 2, 3},          // a corner on an edge
+        {{{-0.5, 0, 0}, {0, 1, 0}, {0.5, 0, 0}, {0, 4, 0}}, 1.5, 2},              // shorter diagonal outside
+        {{{0, 1, 0}, {0.5, 0, 0}, {0, 4, 0}, {-0.5, 0, 0}}, 1.5, 2},              // the same from there on
+        {{{1, 1, 0}, {0, 2, 0}, {0, 0, 0}, {2, 0, 0}, {2, 2, 0}}, 3, 3},          // concave first corner
+        {{{0, 0, 0}, {3, 0, 0}, {3, 3, 0}, {0, 3, 0}, {0, 0, 0}, {1, 1, 0}, {1, 2, 0}, {2, 2, 0}, {2, 1, 0}, {1, 1, 0}},
+         8,
+         8},  // a hole, with a bridge to it
+    };
+    for (const auto& example : examples)
+        for (int turn = 0; turn < 3; ++turn) {  // in three planes
+            std::string text, face = "f";
+            for (glm::dvec3 p : example.corners) {
+                text += vertices({turn == 0 ? p : turn == 1 ? glm::dvec3(p.z, p.x, p.y) : glm::dvec3(p.y, p.z, p.x)});
+                face += " " + std::to_string(std::count(text.begin(), text.end(), '\n'));
+            }
+            const Mesh mesh = load(text + face + "\n", Normals::flat);
+            CAPTURE(face, turn);
+            CHECK(mesh.triangle_count() == example.triangles);
+            CHECK(area_of(mesh) == Approx(example.area).epsilon(1e-6));
+            for (glm::vec3 n : mesh.normals) CHECK(n[(2 + turn) % 3] == 1);
+        }
+    // Without area or finite coordinates there is no shape to cut: counted, not drawn.
+    CHECK(load(square + "f 1 2 1 2 1\nf 1 2 3\n").dropped_triangles == 3);
+    CHECK(load(square + "v nan 0 0\nf 5 1 2 3 4\nf 1 2 3\n").dropped_triangles == 3);
 }
 
 TEST_CASE("negative indices, groups, comments, texture coordinates and Windows line ends mean the same mesh") {
@@ -214,9 +289,28 @@ TEST_CASE("negative indices, groups, comments, texture coordinates and Windows l
     CHECK(same(load(
         square + "vn 0 1 0\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\n")));  // smooth: the file's normals are not asked for
     std::string windows = square + "g a\nf 1 2 3\nf 1 3 4\n";
+    std::string old_mac = windows;
     for (size_t at = 0; (at = windows.find('\n', at)) != std::string::npos; at += 2) windows.replace(at, 1, "\r\n");
     CHECK(same(load(windows)));
+    std::replace(old_mac.begin(), old_mac.end(), '\n', '\r');
+    CHECK(same(load(old_mac)));
     CHECK(plain.notes.empty());
+    const std::string corners[] = {"1/2/1 2/1/1 3/2/1", "1//-1 2//-1 3//-1", "1/1 -3/1 3/1", "\t1\t 2  3 \t",
+                                   "1 2 3# 9"};
+    for (const std::string& first : corners)
+        CHECK(same(load(square + "vt 0 0\nvt 1 1\nvn 0 0 1\n\tf " + first + "\nf 1 3 4 # the other half")));
+}
+
+TEST_CASE("a vertex: three numbers in any notation, perhaps a weight or a colour, perhaps a comment") {
+    const Mesh mesh = load("v +1 -0 1e0 1.0\nv 0.25e+1\t2.5E-1 .5 1 0.5 0.25\n  v -2. 1e-400 3 # text\nf 1 2 3");
+    REQUIRE(mesh.positions.size() == 3);
+    CHECK(mesh.positions[0] == glm::vec3(1, 0, 1));
+    CHECK(mesh.positions[1] == glm::vec3(2.5, 0.25, 0.5));
+    CHECK(mesh.positions[2] == glm::vec3(-2, 0, 3));
+    // Read to the last bit, which decides how a float32 is rounded: 1 + 2^-24 lies midway between two.
+    const Mesh midway =
+        load("v 1.000000059604644775390625 1.0000000596046448 1.0000000596046449\nv 0 0 0\nv 0 1 0\nf 1 2 3");
+    CHECK(midway.positions[0] == glm::vec3(1, 1, 1 + 0x1p-23f));
 }
 
 TEST_CASE("material libraries are ignored with a note, and not looked for") {
@@ -235,7 +329,8 @@ TEST_CASE("normals from the file: per corner, made unit; smooth ones with a note
     CHECK(glm::length(mesh.normals[mesh.indices[1]] - glm::vec3(0.6f, 0, 0.8f)) < 1e-6f);
     CHECK(mesh.positions[mesh.indices[2]] == mesh.positions[mesh.indices[4]]);
     CHECK(mesh.normals[mesh.indices[2]] != mesh.normals[mesh.indices[4]]);
-    for (const char* faces : {"f 1 2 3\nf 1 3 4\n", "f 1//1 2//1 3//1\nf 1 3 4\n", "vn 0 0 0\nf 1//3 2//1 3//1\n"}) {
+    for (const char* faces : {"f 1 2 3\nf 1 3 4\n", "f 1//1 2//1 3//1\nf 1 3 4\n", "vn 0 0 0\nf 1//3 2//1 3//1\n",
+                              "vn nan 0 1\nf 1//3 2//1 3//1\n", "vn 0 0 inf\nf 1//3 2//1 3//1\n"}) {
         const Mesh smooth = load(square + normals + faces, Normals::file);
         CHECK(mentions(smooth, "normals = \"file\""));
         for (glm::vec3 n : smooth.normals) CHECK(n == glm::vec3(0, 0, 1));
@@ -256,9 +351,16 @@ TEST_CASE("an index that is not there is an error with file and line") {
     CHECK(error_of(file + "f 1//1 2//1 3//-2\n") == "mesh.obj:6: the face refers to normal -2, but the file has 1");
     CHECK_THAT(error_of(file + "f 0 1 2\n"),
                Contains("mesh.obj:6: ") && Contains("vertex 0") && Contains("counted from 1"));
-    CHECK_THAT(error_of(file + "f 1 two 3\n"), Contains("mesh.obj:6: "));
+    CHECK(error_of(file + "f 1 two 3\n") == "mesh.obj:6: \"two\" is not a corner: v, v/t, v//n or v/t/n");
+    for (const char* corner : {"1/", "1//", "1/1/", "1/1/1/1", "/1", "1.5", "1a", "99999999999", "\\", "1//x"})
+        CHECK(error_of(file + "f 2 " + corner + " 3\n") ==
+              "mesh.obj:6: \"" + std::string(corner) + "\" is not a corner: v, v/t, v//n or v/t/n");
+    CHECK_THAT(error_of(file + "f 1//0 2//1 3//1\n"), Contains("mesh.obj:6: the face refers to normal 0"));
     CHECK_THAT(error_of(square + "v 1 x 2\nf 1 2 3\n"), Contains("mesh.obj:5: a vertex takes three numbers"));
-    CHECK_THAT(error_of(square + "v 1 2\nf 1 2 3\n"), Contains("mesh.obj:5: a vertex takes three numbers"));
+    for (const char* vertex :
+         {"v 1 2", "v", "v 1 2 # 3", "v 1,2,3", "v 1 2 3x", "v 1 2 \\\n3", "v 0x10 0 0", "v 1 2 1e"})
+        CHECK(error_of(square + vertex + "\nf 1 2 3\n") == "mesh.obj:5: a vertex takes three numbers");
+    CHECK(error_of(square + "vn 0 1\nf 1 2 3\n") == "mesh.obj:5: a normal takes three numbers");
     CHECK(error_of(file + "f 1 2 3\r\nf 1 2 7\r\n") == "mesh.obj:7: the face refers to vertex 7, but the file has 4");
 }
 

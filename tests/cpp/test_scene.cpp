@@ -2,6 +2,9 @@
 #include "support.hpp"
 
 #include <shadelab/error.hpp>
+#include <shadelab/mesh.hpp>
+
+#include <glm/gtc/matrix_transform.hpp>
 
 #include <catch2/catch.hpp>
 
@@ -182,6 +185,65 @@ TEST_CASE("what a scene file does not say has a default") {
     std::string windows = good;
     for (size_t at = 0; (at = windows.find('\n', at)) != std::string::npos; at += 2) windows.replace(at, 1, "\r\n");
     CHECK(load(windows).objects.size() == 2);
+}
+
+TEST_CASE("a scene far from the world's origin is the same scene about the camera's target") {
+    const auto moved = [](glm::dvec3 by) {
+        const auto at = [&](double x, double y, double z) {
+            char text[120];
+            std::snprintf(text, sizeof text, "[%.1f, %.1f, %.1f]", by.x + x, by.y + y, by.z + z);  // exact in double
+            return std::string(text);
+        };
+        std::string text = good;
+        const auto change = [&](const std::string& key, const std::string& from, const std::string& to) {
+            const size_t place = text.find(key + " = " + from);
+            REQUIRE(place != std::string::npos);
+            text.replace(place + key.size() + 3, from.size(), to);
+        };
+        change("eye", "[0, 1, 5]", at(0, 1, 5));
+        change("target", "[0, 0, 0]", at(0, 0, 0));
+        change("position", "[2, 3, 2]", at(2, 3, 2));
+        change("position", "[0, 4, 0]", at(0, 4, 0));
+        change("translate", "[1, 2, 3]", at(1, 2, 3));
+        return load(text);
+    };
+    const Scene here = load(good);
+    CHECK(here.origin == glm::dvec3(0));
+    for (const glm::dvec3 by : {glm::dvec3(1e6, -2e6, 5e5), glm::dvec3(0, 0, 1e8), glm::dvec3(6000)}) {
+        const Scene there = moved(by);
+        CHECK(there.origin == by);
+        CHECK((there.camera.eye == here.camera.eye && there.camera.target == here.camera.target));
+        CHECK(there.camera.world_to_clip(1.5) == here.camera.world_to_clip(1.5));
+        for (size_t i = 0; i < here.lights.size(); ++i) CHECK(there.lights[i].flatten() == here.lights[i].flatten());
+        CHECK(there.objects[0].to_world == here.objects[0].to_world);
+        // This one's mesh stayed at the world's origin, which is now far away.
+        glm::dmat4 back = here.objects[1].to_world;
+        back[3] -= glm::dvec4(by, 0);
+        CHECK(there.objects[1].to_world == back);
+    }
+    // Not far for a camera that is 5 away from its target; nor where the target or the eye is near 0.
+    const Scene near = moved(glm::dvec3(1000));
+    CHECK((near.origin == glm::dvec3(0) && near.camera.target == glm::dvec3(1000)));
+    CHECK(load(changed("eye = [0, 1, 5]", "eye = [0, 1, 1e8]")).origin == glm::dvec3(0));
+    CHECK(load(changed("target = [0, 0, 0]", "target = [0, 0, -1e8]")).origin == glm::dvec3(0));
+}
+
+TEST_CASE("a mesh file with large coordinates of its own comes back before the camera") {
+    // What the renderer multiplies: to_world, less the scene's origin, times the mesh's.
+    const TemporaryFolder folder;
+    const double far = 1e8;
+    folder.write("b.obj", "v 100000000 0 0\nv 100000001 0 0\nv 100000000 1 0.125\nf 1 2 3\n");
+    const std::string text =
+        "[camera]\neye = [1e8, 0, 5]\ntarget = [1e8, 0, 0]\nnear = 1\nfar = 10\n"
+        "[material.clay]\nmodel = \"lambert\"\nkd = [1, 1, 1]\n"
+        "[[object]]\nmesh = \"b.obj\"\nmaterial = \"clay\"\n";
+    const Scene scene = load_scene(folder.write("scene.toml", text), manifest());
+    REQUIRE(scene.origin == glm::dvec3(far, 0, 0));
+    const Mesh mesh = load_mesh(scene.objects[0].mesh, Normals::smooth);
+    const glm::dmat4 to_world = glm::translate(scene.objects[0].to_world, mesh.origin);
+    const glm::dvec3 expected[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0.125}};
+    for (size_t i = 0; i < 3; ++i)
+        CHECK(glm::dvec3(to_world * glm::dvec4(glm::dvec3(mesh.positions[i]), 1)) == expected[i]);
 }
 
 TEST_CASE("the camera sees the target in the middle and the field of view from edge to edge") {

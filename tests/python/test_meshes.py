@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -10,6 +11,7 @@ import tarfile
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -222,6 +224,52 @@ def test_only_what_is_missing_or_altered_is_made(tmp_path: Path) -> None:
     assert " made in " in forced.stdout
     (tmp_path / ".stamp.json").write_text("not json")
     assert " made in " in run("--only", "plane", "--out", tmp_path).stdout
+
+
+# ------------------------------------------------------------------------------- the benchmark's, without making a million
+
+BENCH_TRIANGLES = {"sphere-1k": 980, "sphere-1m": 1_003_520, "knot-1m": 1_003_200}
+
+
+@pytest.fixture
+def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_meshes", SCRIPT)
+    loaded = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "make_meshes", loaded)  # where dataclasses look for it
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def test_figures_of_the_large_meshes(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That spheres and knots have as many triangles is what test_faces_are_sound checks on smaller ones."""
+    monkeypatch.setattr(module, "sphere", lambda frequency: 20 * frequency**2)
+    monkeypatch.setattr(module, "knot", lambda segments, sides: 2 * segments * sides)
+    assert {recipe.name: recipe.make() for recipe in module.RECIPES if recipe.bench} == BENCH_TRIANGLES
+
+
+def test_large_meshes_are_made_only_when_asked_for(
+    module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked = []
+    monkeypatch.setattr(module, "make", lambda recipe, stamp, force: asked.append(recipe.name))
+    for arguments, expected in (
+        ([], [*TRIANGLES, "bunny"]),
+        (["--bench"], [*TRIANGLES, "bunny", *BENCH_TRIANGLES]),
+        (["--bench", "--no-scan"], [*TRIANGLES, *BENCH_TRIANGLES]),
+        (["--only", "knot-1m"], ["knot-1m"]),
+    ):
+        asked.clear()
+        assert module.main([*arguments, "--out", str(tmp_path)]) == 0
+        assert asked == expected
+
+
+def test_a_mesh_of_the_benchmark(tmp_path: Path) -> None:
+    for state in ("made", "up"):
+        done = run("--only", "sphere-1k", "--out", tmp_path)
+        assert done.stdout.split()[:4] == ["sphere-1k.obj", "980", "triangles", state]
+    mesh = load(tmp_path / "sphere-1k.obj")
+    assert (len(mesh.points), len(mesh.triangles), len(mesh.normals)) == (492, 980, 0)
+    assert open_edges(mesh) == []
 
 
 # ---------------------------------------------------------------------------------------- the scan, without a network

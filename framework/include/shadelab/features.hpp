@@ -13,6 +13,7 @@ namespace shadelab {
 struct Features {
     bool term_layers = false;      ///< ambient, diffuse, specular and coverage beside the total
     bool geometry_layers = false;  ///< id, depth, normal, position
+    bool depth_only = false;       ///< nothing but the depth of each pixel's first sample: nothing is shaded
     bool gouraud = false;          ///< some object is shaded at its vertices
     bool per_fragment = false;     ///< some object is shaded at its fragments
     std::vector<int> lights;       ///< indices of the scene's lights that can add anything

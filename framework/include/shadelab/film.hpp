@@ -27,7 +27,11 @@ struct Film {
     std::vector<Layer> layers;
 
     Film(int width, int height, const Features& features, glm::dvec3 background);
-    Layer* find(const std::string& name);
+    Layer* find(const std::string& name) {
+        for (Layer& layer : layers)
+            if (layer.name == name) return &layer;
+        return nullptr;
+    }
     const Layer* find(const std::string& name) const { return const_cast<Film*>(this)->find(name); }
     int channel_count() const;
     /// Averages n x n pixels into one. Geometry layers are not averaged: the sub-pixel nearest the centre stands.

@@ -7,15 +7,21 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
 namespace shadelab {
 
 struct Mesh {
-    std::vector<glm::vec3> positions;  ///< object space, float32: what both renderers start from
+    /// What was subtracted, in double, before rounding: positions are relative to it. 0 unless the file's coordinates lie so far
+    /// from 0 that float32 would lose the shape; then the centre of the bounding box.
+    glm::dvec3 origin{0};
+    std::vector<glm::vec3> positions;  ///< object space less origin, float32: what both renderers start from
     std::vector<glm::vec3> normals;    ///< unit, object space, one per position
     std::vector<uint32_t> indices;     ///< three per triangle
+    glm::vec3 low{-std::numeric_limits<float>::infinity()},
+        high{std::numeric_limits<float>::infinity()};  ///< a box that holds the positions
 
     int dropped_triangles = 0;       ///< not finite or without area: counted, never drawn
     int cancelled_normals = 0;       ///< vertices whose face normals cancel; they got the face normals instead

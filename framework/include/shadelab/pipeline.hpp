@@ -24,6 +24,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -34,22 +35,14 @@ inline constexpr int tile_size = 64;
 inline constexpr int subpixel_bits = 8;
 inline constexpr uint32_t no_triangle = 0xffffffff;
 
-/// After stage 1: one object's vertices. `clip` is always float32 (coverage must not depend on Real); the rest feeds shading.
-template <class Real>
-struct VertexStream {
-    std::vector<glm::vec4> clip;
-    std::vector<glm::vec<4, Real>>
-        homogeneous;                          ///< clip position for interpolation: x and y scaled to pixels, then z, w
-    std::vector<glm::vec<3, Real>> position;  ///< world
-    std::vector<glm::vec<3, Real>> normal;    ///< unit, world
-    std::vector<std::array<Real, 12>>
-        colour;  ///< Gouraud objects only: total, ambient, diffuse, specular at the vertex
-};
-
-/// After stage 2. x and y in 1/256 pixel, relative to the centre of the bottom-left pixel; z is window depth.
+/// After stage 2. x and y in 1/256 pixel, relative to the centre of the bottom-left pixel; z is window depth. What rounding to
+/// the grid took away is kept for the depth plane, in 1/32768 of a grid step.
 struct ScreenVertex {
     int32_t x, y;
     float z;
+    int16_t residual_x = 0, residual_y = 0;
+    double exact_x() const { return x + residual_x * 0x1p-15; }
+    double exact_y() const { return y + residual_y * 0x1p-15; }
 };
 struct ScreenTriangle {
     ScreenVertex vertex[3];
@@ -104,10 +97,19 @@ struct DrawStatistics {
     double vertex_ms = 0, bin_ms = 0, tile_ms = 0;
 };
 
+/// The x86-64 level whose code draw() runs: "v4", "v3", "v2", or "plain" (elsewhere, too). The best that the processor has, or
+/// what the environment variable SHADELAB_LEVEL names. The image is the same to the last bit.
+std::string processor_level();
+
+/// Memory that draw() needs, for those who draw many frames.
+struct Workspace {
+    std::shared_ptr<void> buffers;
+};
+
 /// Draws the scene into the film, at the film's size. `meshes` holds one mesh per object. For term layers the plugin must have
 /// been compiled with terms; one with terms serves a film without.
 template <class Real>
 DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
-                    const plugin::Table<Real>& plugin, Film& film);
+                    const plugin::Table<Real>& plugin, Film& film, Workspace* workspace = nullptr);
 
 }  // namespace shadelab

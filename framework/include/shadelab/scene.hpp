@@ -56,6 +56,11 @@ struct Object {
 
 struct Scene {
     std::filesystem::path file;
+    /// World positions (camera, lights, to_world) are relative to it. 0 unless the scene lies so far from the world's origin that
+    /// float32 would lose it; then the camera's target, subtracted in double. A mesh whose file holds the large coordinates
+    /// itself needs no more: to_world then moves by -origin, Mesh::origin moves back, and their product in double is as exact
+    /// as the file.
+    glm::dvec3 origin{0};
     FilmSettings film;
     Camera camera;
     std::vector<Light> lights;
