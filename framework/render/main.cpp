@@ -9,6 +9,7 @@
 
 #include <CLI/CLI.hpp>
 #include <glm/gtc/matrix_transform.hpp>
+#include <malloc.h>
 #include <omp.h>
 
 #include <chrono>
@@ -28,7 +29,7 @@ struct Options {
                 input;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
-    bool layers = false, terms = false, depth = false, full = false, explain = false;
+    bool layers = false, terms = false, depth = false, double_depth = false, full = false, explain = false;
 
     std::filesystem::path interface() const { return std::filesystem::path(framework) / "interface.toml"; }
     std::filesystem::path include_folder() const { return std::filesystem::path(framework) / "include"; }
@@ -58,14 +59,15 @@ LoadedScene load(const Options& options) {
         throw InputError("--supersample: the enlarged image would be wider or higher than 16384 pixels");
     loaded.features = Features::of(loaded.scene, options.layers || options.terms, options.layers, options.full);
     loaded.features.depth_only = options.depth;
-    std::map<std::pair<std::filesystem::path, Normals>, Mesh> cache;
+    std::map<std::pair<std::filesystem::path, Normals>, size_t> first_use;
     for (const Object& object : loaded.scene.objects) {
-        const auto key = std::pair(object.mesh, object.normals);
-        if (!cache.count(key)) {
-            cache.emplace(key, load_mesh(object.mesh, object.normals, object.mesh_where));
-            for (const std::string& note : cache.at(key).notes) std::cerr << "note: " << note << "\n";
+        const auto [entry, fresh] = first_use.try_emplace({object.mesh, object.normals}, loaded.meshes.size());
+        if (!fresh) {
+            loaded.meshes.push_back(Mesh(loaded.meshes[entry->second]));
+            continue;
         }
-        loaded.meshes.push_back(cache.at(key));
+        loaded.meshes.push_back(load_mesh(object.mesh, object.normals, object.mesh_where));
+        for (const std::string& note : loaded.meshes.back().notes) std::cerr << "note: " << note << "\n";
     }
     for (size_t i = 0; i < loaded.meshes.size(); ++i) {
         Object& object = loaded.scene.objects[i];
@@ -205,6 +207,8 @@ double arithmetic_ms() {
 /// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, threads N, arithmetic. For benchmarks.
 template <class Real>
 void serve_frames(const Options& options, LoadedScene& loaded, const plugin::Table<Real>& table, double load_ms) {
+    malloc_trim(0);
+    std::ofstream("/proc/self/clear_refs") << 5;  // the peak of memory from here on: loading is not part of a frame
     Film image = empty_film(options, loaded);
     Workspace workspace;
     size_t geometry = 0, framebuffers = 0;
@@ -333,6 +337,7 @@ int main(int argc, char** argv) {
     CLI::App* frames = app.add_subcommand("frames", "draw a scene as often as stdin asks, for benchmarks");
     add_scene_options(frames);
     frames->add_option("--plugin", options.plugin, "plugin; not needed with --depth");
+    frames->add_flag("--double", options.double_depth, "with --depth: in double; otherwise the plugin decides");
     frames->add_option("--threads", options.threads, "number of threads (default: all cores)")
         ->check(CLI::Range(1, 1024));
     CLI::App* convert = app.add_subcommand("convert", "write an image that is an .npy file as .png or .exr");
@@ -378,7 +383,8 @@ int main(int argc, char** argv) {
                 write_packet(loaded.scene, loaded.manifest, loaded.features, loaded.meshes, options.supersample,
                              options.include_folder(), options.output);
             } else if (*frames && options.depth) {
-                serve_frames<float>(options, loaded, {}, load_ms);
+                options.double_depth ? serve_frames<double>(options, loaded, {}, load_ms)
+                                     : serve_frames<float>(options, loaded, {}, load_ms);
             } else if (*frames) {
                 const PluginLibrary library(options.plugin);
                 library.is_double()

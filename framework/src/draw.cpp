@@ -43,9 +43,10 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
     drawn.unit_normals = off <= 1e-12 * scale;
     if (drawn.unit_normals) normals *= std::sqrt(scale);
     for (int c = 0; c < 4; ++c) {
-        drawn.pixel_from_object[c][0] = Real((clip[c].x + clip[c].w) * (frame.film.width * 0.5));
-        drawn.pixel_from_object[c][1] = Real((clip[c].y + clip[c].w) * (frame.film.height * 0.5));
-        drawn.pixel_from_object[c][2] = Real(clip[c].w);
+        drawn.pixel_from_object[c][0] = (clip[c].x + clip[c].w) * (frame.film.width * 0.5);
+        drawn.pixel_from_object[c][1] = (clip[c].y + clip[c].w) * (frame.film.height * 0.5);
+        drawn.pixel_from_object[c][2] = clip[c].w;
+        drawn.pixel_from_object[c][3] = clip[c].z;
         for (int r = 0; r < 4; ++r) drawn.world_from_object[c][r] = Real(object.to_world[c][r]);
         if (c < 3)
             for (int r = 0; r < 3; ++r) drawn.normal_from_object[c][r] = Real(normals[c][r]);
@@ -196,28 +197,32 @@ void write_colours(const Frame<Real>& frame, const FragmentBatch<Real>& batch) {
     }
 }
 
+/// The depth at a sample of a fragment: the rasterizer's, or, for the reference, without its roundings.
 template <class Real>
-void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const TileView& view,
+float depth_of(const DrawnObject<Real>& object, const TileView& view, const Fragment& fragment, glm::ivec2 origin,
+               glm::ivec2 sample) {
+    if constexpr (std::is_same_v<Real, double>)
+        return float(exact_depth(object, view.triangles[fragment.place] - object.first_triangle,
+                                 origin.x + fragment.x + 0.5 + sample.x / 256.0,
+                                 origin.y + fragment.y + 0.5 + sample.y / 256.0));
+    else
+        return view.samples.depth[size_t(fragment.y) * tile_size + fragment.x];
+}
+
+template <class Real>
+void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, const TileView& view, glm::ivec2 origin,
                     const Fragment* fragments, const FragmentBatch<Real>& batch) {
     Layer &id = *frame.film.find("id"), &depth = *frame.film.find("depth"), &normal = *frame.film.find("normal"),
           &position = *frame.film.find("position");
     for (int i = 0; i < batch.count; ++i) {
         const size_t pixel = size_t(batch.pixel[i]);
         id.data[pixel] = float(object.object - frame.scene.objects.data() + 1);
-        depth.data[pixel] = view.samples.depth[size_t(fragments[i].y) * tile_size + fragments[i].x];
+        depth.data[pixel] = depth_of(object, view, fragments[i], origin, glm::ivec2(0));
         for (int c = 0; c < 3; ++c) {
             normal.pixel(pixel)[c] = float(batch.in[c][i]);
             position.pixel(pixel)[c] = float(batch.in[3 + c][i]);
         }
     }
-}
-
-/// The depth of each pixel's first sample.
-void write_depth(const TileView& view, glm::ivec2 origin, Film& film) {
-    const int width = std::min(tile_size, film.width - origin.x), height = std::min(tile_size, film.height - origin.y);
-    for (int y = 0; y < height; ++y)
-        std::copy_n(&view.samples.depth[size_t(y) * tile_size], width,
-                    film.find("depth")->pixel(size_t(film.height - 1 - origin.y - y) * film.width + origin.x));
 }
 
 // ---------------------------------------------------------------------------------------------- tiles
@@ -339,6 +344,28 @@ void for_each_batch(const Frame<Real>& frame, const TileView& view, Fragments& f
     }
 }
 
+/// The depth of each pixel's first sample, when nothing else is asked for.
+void write_depth(const TileView& view, glm::ivec2 origin, Film& film) {
+    const int width = std::min(tile_size, film.width - origin.x), height = std::min(tile_size, film.height - origin.y);
+    Layer& depth = *film.find("depth");
+    for (int y = 0; y < height; ++y)
+        std::copy_n(&view.samples.depth[size_t(y) * tile_size], width,
+                    depth.pixel(size_t(film.height - 1 - origin.y - y) * film.width + origin.x));
+}
+
+/// The same for the reference: the rasterizer says which triangle, and the depth is worked out again.
+void write_exact_depth(const Frame<double>& frame, TileView& view, Fragments& fragments, glm::ivec2 origin,
+                       glm::ivec2 sample, const TileGrid& grid) {
+    collect_fragments(view, 1, origin, grid, fragments);  // of the first sample's plane
+    clear(frame.film, origin, glm::vec3(0));
+    Layer& depth = *frame.film.find("depth");
+    for_each_batch(frame, view, fragments, [&](const DrawnObject<double>& object, const Fragment* run, int count) {
+        for (int i = 0; i < count; ++i)
+            *depth.pixel(size_t(grid.height - 1 - origin.y - run[i].y) * grid.width + origin.x + run[i].x) =
+                depth_of(object, view, run[i], origin, sample);
+    });
+}
+
 void merge(DrawStatistics& into, const DrawStatistics& from) {
     into.fragments += from.fragments;
     into.fallback_normals += from.fallback_normals;
@@ -400,8 +427,13 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
                 continue;
             }
             if (!plugin) {
-                see<false>(frame, buffers, grid, tile, samples, view);
-                write_depth(view, origin, film);
+                if constexpr (std::is_same_v<Real, double>) {
+                    see<true>(frame, buffers, grid, tile, samples, view);
+                    write_exact_depth(frame, view, fragments, origin, samples[0], grid);
+                } else {
+                    see<false>(frame, buffers, grid, tile, samples, view);
+                    write_depth(view, origin, film);
+                }
                 continue;
             }
             see<true>(frame, buffers, grid, tile, samples, view);
@@ -416,7 +448,7 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
                                    note_not_finite(frame, object, *batch, mine);
                                write_colours(frame, *batch);
                                if (features.geometry_layers && samples.size() == 1)
-                                   write_geometry(frame, object, view, run, *batch);
+                                   write_geometry(frame, object, view, origin, run, *batch);
                                mine.fragments += count;
                            });
             if (!features.geometry_layers || samples.size() == 1) continue;
@@ -427,7 +459,7 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
             for_each_batch(frame, view, fragments,
                            [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
                                interpolator.interpolate(object, run, count, *batch);
-                               write_geometry(frame, object, view, run, *batch);
+                               write_geometry(frame, object, view, origin, run, *batch);
                            });
         }
 #pragma omp critical

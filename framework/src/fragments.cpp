@@ -34,7 +34,7 @@ void finish(int count, const Real* __restrict rows, glm::vec<3, Real> eye, Real*
 }
 
 template <class Real>
-void transform(const Real (*m)[4], const glm::vec3& p, bool point, Real* out) {
+void transform(const Real (*m)[4], const glm::vec3& p, bool point, Real* __restrict out) {
     const Real x = p.x, y = p.y, z = p.z;
     for (int k = 0; k < 4; ++k) {
         out[k] = m[0][k] * x + m[1][k] * y + m[2][k] * z;
@@ -88,6 +88,19 @@ Corner<Real> corner(const DrawnObject<Real>& object, uint32_t vertex) {
     return out;
 }
 
+double exact_depth(const DrawnObject<double>& object, uint32_t triangle, double x, double y) {
+    double at[3][3], z[3], w[3];
+    for (int k = 0; k < 3; ++k) {
+        const Corner<double> c = corner(object, object.mesh->indices[3 * size_t(triangle) + size_t(k)]);
+        at[k][0] = c.pixel[0] - c.pixel[2] * x, at[k][1] = c.pixel[1] - c.pixel[2] * y, at[k][2] = c.pixel[2];
+        w[k] = c.pixel[2], z[k] = c.pixel[3];
+    }
+    const double b0 = weight(at[1], at[2]).c, b1 = weight(at[2], at[0]).c, b2 = weight(at[0], at[1]).c;
+    const double depth = 0.5 * (b0 * z[0] + b1 * z[1] + b2 * z[2]) / (b0 * w[0] + b1 * w[1] + b2 * w[2]) + 0.5;
+    // Seen edge-on there is no plane; the nearest corner is as good as any.
+    return depth == depth ? std::clamp(depth, 0.0, 1.0) : 0.5 * std::min({z[0] / w[0], z[1] / w[1], z[2] / w[2]}) + 0.5;
+}
+
 template <class Real>
 void Interpolator<Real>::begin_tile(const TileView& view, glm::ivec2 origin) {
     view_ = &view;
@@ -104,16 +117,16 @@ uint32_t Interpolator<Real>::make_planes(const DrawnObject<Real>& object, const 
     const uint32_t* vertex =
         &object.mesh->indices[3 * size_t(view_->triangles[fragment.place] - object.first_triangle)];
     const Corner<Real> corners[3] = {corner(object, vertex[0]), corner(object, vertex[1]), corner(object, vertex[2])};
-    const Real centre_x = Real(origin_.x + fragment.x) + Real(0.5), centre_y = Real(origin_.y + fragment.y) + Real(0.5);
+    const double centre_x = origin_.x + fragment.x + 0.5, centre_y = origin_.y + fragment.y + 0.5;
     // Only ratios of w matter; its size is taken out because its square would overflow for far triangles.
-    const Real w_scale =
+    const double w_scale =
         1 / std::max({std::abs(corners[0].pixel[2]), std::abs(corners[1].pixel[2]), std::abs(corners[2].pixel[2])});
     Real at[3][3];
     for (int k = 0; k < 3; ++k) {
-        const Real w = corners[k].pixel[2] * w_scale;
-        at[k][0] = corners[k].pixel[0] * w_scale - w * centre_x;
-        at[k][1] = corners[k].pixel[1] * w_scale - w * centre_y;
-        at[k][2] = w;
+        const double w = corners[k].pixel[2] * w_scale;
+        at[k][0] = Real(corners[k].pixel[0] * w_scale - w * centre_x);
+        at[k][1] = Real(corners[k].pixel[1] * w_scale - w * centre_y);
+        at[k][2] = Real(w);
     }
     Weight<Real> weights[3] = {weight(at[1], at[2]), weight(at[2], at[0]), weight(at[0], at[1])};
     // Only a triangle seen exactly edge-on has sum 0; no sample of it is covered but by rounding.

@@ -356,6 +356,12 @@ ShaderMains glsl_geometry_mains(bool normals_can_cancel) {
     return mains;
 }
 
+ShaderMains glsl_depth_mains() {
+    return {"uniform mat4 shadelab_to_clip;\nin vec3 shadelab_position;\nvoid main() {\n"
+            "    gl_Position = shadelab_to_clip * vec4(shadelab_position, 1.0);\n}\n",
+            "void main() {}\n", false};
+}
+
 void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
                 const std::filesystem::path& out) {
     std::filesystem::create_directories(out / "shadelab");

@@ -90,8 +90,11 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
             }
         }
         const bool can_cancel = normals_can_cancel(meshes[i], object.to_world);
-        toml::table draw{{"program", program_index(programs, glsl_shade_mains(manifest, scene, features, model,
-                                                                              object.interpolation, can_cancel))}};
+        const ShaderMains mains =
+            features.depth_only
+                ? glsl_depth_mains()
+                : glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel);
+        toml::table draw{{"program", program_index(programs, mains)}};
         if (features.geometry_layers)
             draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));
         draw.insert("positions", add_buffer(meshes[i].positions));
@@ -107,6 +110,7 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
                              {"background", numbers(scene.film.background)},
                              {"terms", features.term_layers},
                              {"geometry", features.geometry_layers},
+                             {"depth", features.depth_only},
                              {"prelude", glsl_prelude(manifest, shading.str())},
                              {"programs", programs},
                              {"geometry_programs", geometry_programs},

@@ -17,7 +17,7 @@ struct DrawnObject {
     uint32_t first_vertex, first_triangle;
 
     glm::mat4 clip_from_object;    ///< float32 for both Reals: coverage must not depend on it
-    Real pixel_from_object[4][4];  ///< columns; gives homogeneous pixel coordinates (x w, y w, w, 0)
+    double pixel_from_object[4][4];  ///< columns; gives homogeneous pixel coordinates (x w, y w, w) and clip z
     Real world_from_object[4][4];
     Real normal_from_object[3][4];
     bool unit_normals;  ///< normal_from_object keeps lengths, so that unit normals stay unit
@@ -52,7 +52,9 @@ struct Frame {
 /// A vertex as shading sees it.
 template <class Real>
 struct Corner {
-    alignas(16) Real pixel[4];  ///< homogeneous: x w, y w, w, 0
+    /// Homogeneous: x w, y w, w; clip z. In double: a float's last bit, 1/16384 pixel on a large film, would be most of the
+    /// error of what is interpolated over a small triangle.
+    alignas(32) double pixel[4];
     alignas(32) Real row[8];    ///< unit normal, 1 (so that interpolating it gives the weights' sum), world position, 0
     glm::vec<3, Real> normal() const { return {row[0], row[1], row[2]}; }
     glm::vec<3, Real> position() const { return {row[4], row[5], row[6]}; }
@@ -60,6 +62,10 @@ struct Corner {
 
 template <class Real>
 Corner<Real> corner(const DrawnObject<Real>& object, uint32_t vertex);
+
+/// Window depth of a triangle (the object's number for it) at a point of the film in pixels, without the roundings of the
+/// rasterizer: the reference's depth layer.
+double exact_depth(const DrawnObject<double>& object, uint32_t triangle, double x, double y);
 
 // ------------------------------------------------------------------------------------------------- stages 1 to 3
 

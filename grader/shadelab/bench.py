@@ -52,7 +52,7 @@ MORE_PAIRS, MORE_SECONDS = 45, 1.5  # short frames get more pairs, until one of 
 PAUSE = 0.025  # seconds before each frame
 
 SUPERSAMPLES = [1, 2, 3, 4, 6, 8]
-SUPERSAMPLED_SIZE, REFERENCE_SUPERSAMPLE = 256, 64  # pixels; 64 x 64 = 4096 samples each
+SUPERSAMPLED_SIZE, REFERENCE_SUPERSAMPLE = 96, 64  # pixels; 64 x 64 = 4096 samples each
 EXPONENTS = [32.0, 1e4]
 LOADS = 5
 

@@ -33,6 +33,8 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
                              const Function& model, Interpolation interpolation, bool normals_can_cancel);
 /// The mains of the pass that draws id, depth, normal and position; no student code is in it.
 ShaderMains glsl_geometry_mains(bool normals_can_cancel);
+/// The mains of the pass that draws depth and nothing else.
+ShaderMains glsl_depth_mains();
 
 /// Writes shadelab/assignment.hpp, glue.cpp, prelude.glsl and evaluate/FUNCTION.glsl below `out`.
 void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
