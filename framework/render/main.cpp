@@ -16,8 +16,10 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <functional>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <sstream>
 
 using namespace shadelab;
@@ -25,12 +27,14 @@ using namespace shadelab;
 namespace {
 
 struct Options {
-    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, output, size, statistics, function,
-                input;
+    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, full_plugin, output, size, statistics,
+                function, input, keep;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
-    bool layers = false, terms = false, depth = false, double_depth = false, full = false, explain = false;
+    bool layers = false, terms = false, depth = false, visibility = false, double_depth = false, full = false,
+         explain = false;
 
+    Request request() const { return {layers || terms, layers, depth, visibility, full, keep}; }
     std::filesystem::path interface() const { return std::filesystem::path(framework) / "interface.toml"; }
     std::filesystem::path include_folder() const { return std::filesystem::path(framework) / "include"; }
 };
@@ -42,7 +46,7 @@ struct LoadedScene {
     std::vector<Mesh> meshes;  ///< one per object
 };
 
-LoadedScene load(const Options& options) {
+LoadedScene load(const Options& options, bool with_meshes = true) {
     LoadedScene loaded;
     loaded.manifest = load_manifest(options.assignment, options.interface());
     loaded.scene = load_scene(options.scene, loaded.manifest);
@@ -57,8 +61,8 @@ LoadedScene load(const Options& options) {
     if (options.samples) film.samples = options.samples;
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
         throw InputError("--supersample: the enlarged image would be wider or higher than 16384 pixels");
-    loaded.features = Features::of(loaded.scene, options.layers || options.terms, options.layers, options.full);
-    loaded.features.depth_only = options.depth;
+    loaded.features = Features::of(loaded.scene, options.request(), &loaded.manifest);
+    if (!with_meshes) return loaded;
     std::map<std::pair<std::filesystem::path, Normals>, size_t> first_use;
     for (const Object& object : loaded.scene.objects) {
         const auto [entry, fresh] = first_use.try_emplace({object.mesh, object.normals}, loaded.meshes.size());
@@ -76,18 +80,25 @@ LoadedScene load(const Options& options) {
     bool can_cancel = false;
     for (size_t i = 0; i < loaded.meshes.size(); ++i)
         can_cancel |= normals_can_cancel(loaded.meshes[i], loaded.scene.objects[i].to_world);
-    (can_cancel ? loaded.features.needed : loaded.features.left_out)
-        .push_back(std::string("fallback for normals that cancel: ") +
-                   (can_cancel ? "a triangle's vertex normals may oppose" : "no triangle's vertex normals can oppose"));
+    loaded.features.decisions.push_back({"fallback", "fallback for normals that cancel",
+                                         can_cancel                        ? "a triangle's vertex normals may oppose"
+                                         : loaded.features.normal_fallback ? "kept by --full"
+                                                                           : "no triangle's vertex normals can oppose",
+                                         can_cancel || loaded.features.normal_fallback});
     return loaded;
 }
 
-void explain(const Features& features) {
+/// Prints what the scene needs and what is left out; `saved` is what was measured for a decision, or "".
+void explain(const Features& features, const std::function<std::string(const Decision&)>& saved) {
     std::cout << "needed\n";
-    for (const std::string& line : features.needed) std::cout << "  + " << line << "\n";
+    for (const std::string& line : features.lines(true)) std::cout << "  + " << line << "\n";
     std::cout << "left out\n";
-    for (const std::string& line : features.left_out) std::cout << "  - " << line << "\n";
-    std::cout.flush();
+    for (const Decision& decision : features.decisions)
+        if (!decision.needed) {
+            const std::string gain = saved(decision);
+            std::cout << "  - " << decision.what << ": " << decision.why << (gain.empty() ? "" : "; " + gain)
+                      << std::endl;
+        }
 }
 
 std::string json_number(double value) {
@@ -147,6 +158,16 @@ void report(const DrawStatistics& s) {
 }
 
 template <class Real>
+bool has_loop(const plugin::Table<Real>& table, const std::string& loop) {
+    const char* kinds[] = {"point", "directional", "spot"};
+    for (int k = 0; k < table.model_count; ++k)
+        for (int kind = 0; kind < plugin::light_kinds; ++kind)
+            if (loop == std::string(table.models[k].name) + "_" + kinds[kind])
+                return table.models[k].shade[kind] != nullptr;
+    return false;
+}
+
+template <class Real>
 const plugin::Table<Real>& checked_table(const Options& options, const LoadedScene& loaded,
                                          const PluginLibrary& library) {
     const plugin::Table<Real>& table = library.table<Real>();
@@ -157,6 +178,9 @@ const plugin::Table<Real>& checked_table(const Options& options, const LoadedSce
             throw InfrastructureError(options.plugin + ": the plugin does not hold the model " + material.model +
                                       "; build it again");
     }
+    for (const std::string& loop : loaded.features.loops)
+        if (!has_loop(table, loop))
+            throw InfrastructureError(options.plugin + ": the plugin was built without " + loop);
     if (loaded.features.term_layers && !table.terms)
         throw InfrastructureError(options.plugin + ": the plugin was built without terms");
     return table;
@@ -164,27 +188,81 @@ const plugin::Table<Real>& checked_table(const Options& options, const LoadedSce
 
 Film empty_film(const Options& options, const LoadedScene& loaded) {
     const FilmSettings& film = loaded.scene.film;
-    return Film(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background);
+    return Film(film.width * options.supersample, film.height * options.supersample, loaded.features, film.background,
+                film.samples);
 }
 
 void write_image(const Options& options, Film& image, const std::string& file) {
-    if (!options.layers && !options.depth)
+    if (!options.layers && !options.depth && !options.visibility)
         image.layers.resize(options.terms ? 5 : 1);  // --full computes more than it is asked to write
     write_film(options.supersample > 1 ? image.downsampled(options.supersample) : image, file, options.exposure);
 }
 
+double now_ms() {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// What an omission saves: the scene drawn in turn with it and without, and the difference of the shortest times. `full`: a plugin that holds
+/// every loop and the terms, for what the scene's own plugin was compiled without.
+template <class Real>
+std::string saved_by(const Options& options, const LoadedScene& loaded, const plugin::Table<Real>& lean,
+                     const plugin::Table<Real>* full, const Decision& decision) {
+    constexpr int turns = 11;
+    if (decision.name.empty()) return "";
+    Request request = options.request();
+    request.keep = decision.name;
+    const Features kept = Features::of(loaded.scene, request, &loaded.manifest);
+    bool as_it_is = kept.term_layers <= bool(lean.terms);
+    for (const std::string& loop : kept.loops) as_it_is &= has_loop(lean, loop);
+    if (decision.name == "loops") return "";  // they cost no time once they are compiled
+    if (!as_it_is && !full) return "";
+    std::vector<double> with, without;
+    Workspace workspace;
+    Film small = empty_film(options, loaded);
+    const FilmSettings& settings = loaded.scene.film;
+    Film large(small.width, small.height, kept, settings.background, settings.samples);
+    for (int turn = 0; turn < turns; ++turn) {
+        double start = now_ms();
+        draw<Real>(loaded.scene, loaded.features, loaded.meshes, lean, small, &workspace);
+        without.push_back(now_ms() - start);
+        start = now_ms();
+        draw<Real>(loaded.scene, kept, loaded.meshes, as_it_is ? lean : *full, large, &workspace);
+        with.push_back(now_ms() - start);
+    }
+    // Minima: whatever else the machine does only adds to a time.
+    const double before = *std::min_element(without.begin(), without.end()),
+                 gain = *std::min_element(with.begin(), with.end()) - before;
+    const double mebibytes =
+        double(large.channel_count() - small.channel_count()) * small.width * small.height * 4 / (1 << 20);
+    char text[120];
+    if (gain > 0.01 * before)
+        std::snprintf(text, sizeof text, "saves %.2f of %.2f ms a frame", gain, before + gain);
+    else
+        std::snprintf(text, sizeof text, "saves nothing that shows in %.2f ms a frame", before);
+    std::string out = text;
+    if (mebibytes > 0) {
+        std::snprintf(text, sizeof text, " and %.1f MiB", mebibytes);
+        out += text;
+    }
+    return out;
+}
+
 template <class Real>
 void draw_image(const Options& options, const LoadedScene& loaded, const PluginLibrary& library) {
+    const plugin::Table<Real>& table = checked_table<Real>(options, loaded, library);
+    if (options.explain) {
+        std::optional<PluginLibrary> full;
+        if (!options.full_plugin.empty()) full.emplace(options.full_plugin);
+        explain(loaded.features, [&](const Decision& decision) {
+            return saved_by<Real>(options, loaded, table, full ? &full->table<Real>() : nullptr, decision);
+        });
+    }
     Film image = empty_film(options, loaded);
     const DrawStatistics statistics =
         draw<Real>(loaded.scene, loaded.features, loaded.meshes, checked_table<Real>(options, loaded, library), image);
     report(statistics);
     if (!options.statistics.empty()) write_statistics(statistics, loaded, options.statistics);
     if (!options.output.empty()) write_image(options, image, options.output);
-}
-
-double now_ms() {
-    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 /// Fixed work without memory, split over the threads: what more threads can gain on this machine at this moment.
@@ -202,6 +280,13 @@ double arithmetic_ms() {
     const volatile double keep = sum;
     (void)keep;
     return now_ms() - start;
+}
+
+void print_needs(const LoadedScene& loaded) {
+    std::cout << "{\"terms\": " << (loaded.features.term_layers ? "true" : "false") << ", \"loops\": [";
+    for (size_t i = 0; i < loaded.features.loops.size(); ++i)
+        std::cout << (i ? ", " : "") << "\"" << loaded.features.loops[i] << "\"";
+    std::cout << "]}\n";
 }
 
 /// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, threads N, arithmetic. For benchmarks.
@@ -323,7 +408,10 @@ int main(int argc, char** argv) {
                           "the layers of the terms only: ambient, diffuse, specular, coverage");
         command->add_flag("--depth", options.depth,
                           "nothing but the depth of each pixel's first sample; nothing is shaded");
+        command->add_flag("--visibility", options.visibility,
+                          "nothing but which triangle each sample sees, and its depth; nothing is shaded");
         command->add_flag("--full", options.full, "leave nothing out");
+        command->add_option("--keep", options.keep, "keep this one omission, as --explain names it (for measurements)");
         command->add_flag("--explain", options.explain, "print what the scene needs and what is left out");
     };
     CLI::App* image = app.add_subcommand("image", "draw a scene with a plugin");
@@ -334,6 +422,10 @@ int main(int argc, char** argv) {
     image->add_option("--threads", options.threads, "number of threads (default: all cores)")
         ->check(CLI::Range(1, 1024));
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
+    image->add_option("--full-plugin", options.full_plugin,
+                      "with --explain: a plugin that leaves nothing out, to measure with");
+    CLI::App* needs = app.add_subcommand("needs", "print as JSON what a scene's plugin must hold");
+    add_scene_options(needs);
     CLI::App* frames = app.add_subcommand("frames", "draw a scene as often as stdin asks, for benchmarks");
     add_scene_options(frames);
     frames->add_option("--plugin", options.plugin, "plugin; not needed with --depth");
@@ -376,13 +468,15 @@ int main(int argc, char** argv) {
             library.is_double() ? evaluate<double>(options, library) : evaluate<float>(options, library);
         } else {
             const double start = now_ms();
-            LoadedScene loaded = load(options);
+            LoadedScene loaded = load(options, !*needs);
             const double load_ms = now_ms() - start;
-            if (options.explain) explain(loaded.features);
-            if (*packet) {
+            if (options.explain && *packet) explain(loaded.features, [](const Decision&) { return ""; });
+            if (*needs) {
+                print_needs(loaded);
+            } else if (*packet) {
                 write_packet(loaded.scene, loaded.manifest, loaded.features, loaded.meshes, options.supersample,
                              options.include_folder(), options.output);
-            } else if (*frames && options.depth) {
+            } else if (*frames && (options.depth || options.visibility)) {
                 options.double_depth ? serve_frames<double>(options, loaded, {}, load_ms)
                                      : serve_frames<float>(options, loaded, {}, load_ms);
             } else if (*frames) {

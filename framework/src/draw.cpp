@@ -129,7 +129,7 @@ void clear(Film& film, glm::ivec2 origin, glm::vec3 background) {
     const int right = std::min(origin.x + tile_size, film.width), top = std::min(origin.y + tile_size, film.height);
     for (Layer& layer : film.layers) {
         const bool coloured = layer.name == "total" && background != glm::vec3(0);
-        const float value = layer.name == "depth" ? 1 : 0;  // 1: the far plane
+        const float value = layer.name.compare(0, 5, "depth") == 0 ? 1 : 0;  // 1: the far plane
         for (int y = origin.y; y < top; ++y) {
             const size_t row = size_t(film.height - 1 - y) * film.width;
             float *begin = layer.pixel(row + origin.x), *end = layer.pixel(row) + size_t(right) * layer.channels;
@@ -353,6 +353,20 @@ void write_depth(const TileView& view, glm::ivec2 origin, Film& film) {
                     depth.pixel(size_t(film.height - 1 - origin.y - y) * film.width + origin.x));
 }
 
+/// Which triangle each sample sees and its depth, when nothing else is asked for.
+void write_visibility(const TileView& view, glm::ivec2 origin, int samples, Film& film) {
+    const int width = std::min(tile_size, film.width - origin.x), height = std::min(tile_size, film.height - origin.y);
+    for (int s = 0; s < samples; ++s)
+        for (int y = 0; y < height; ++y)
+            for (int x = 0; x < width; ++x) {
+                const size_t at = (size_t(s) * tile_size + size_t(y)) * tile_size + size_t(x);
+                const size_t pixel = size_t(film.height - 1 - origin.y - y) * film.width + size_t(origin.x + x);
+                const uint32_t place = view.samples.triangle[at];
+                film.layers[size_t(s)].data[pixel] = place == no_triangle ? 0 : float(view.triangles[place] + 1);
+                film.layers[size_t(samples + s)].data[pixel] = view.samples.depth[at];
+            }
+}
+
 /// The same for the reference: the rasterizer says which triangle, and the depth is worked out again.
 void write_exact_depth(const Frame<double>& frame, TileView& view, Fragments& fragments, glm::ivec2 origin,
                        glm::ivec2 sample, const TileGrid& grid) {
@@ -426,6 +440,11 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
                 clear(film, origin, background);
                 continue;
             }
+            if (features.visibility) {
+                see<true>(frame, buffers, grid, tile, samples, view);
+                write_visibility(view, origin, int(samples.size()), film);
+                continue;
+            }
             if (!plugin) {
                 if constexpr (std::is_same_v<Real, double>) {
                     see<true>(frame, buffers, grid, tile, samples, view);
@@ -444,8 +463,10 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
                            [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
                                mine.fallback_normals += interpolator.interpolate(object, run, count, *batch);
                                if (object.colour.empty()) mine.lights_at_surface += shade(frame, object, *batch);
-                               if (!all_finite(count, batch->out[0], batch->out[1], batch->out[2]))
+                               if (!all_finite(count, batch->out[0], batch->out[1], batch->out[2])) {
+                                   interpolator.surface(object, run, *batch, true);
                                    note_not_finite(frame, object, *batch, mine);
+                               }
                                write_colours(frame, *batch);
                                if (features.geometry_layers && samples.size() == 1)
                                    write_geometry(frame, object, view, origin, run, *batch);

@@ -4,55 +4,107 @@
 
 namespace shadelab {
 
-Features Features::of(const Scene& scene, bool terms, bool geometry, bool full) {
+namespace {
+
+const char* kind_names[] = {"point", "directional", "spot"};
+
+std::string count(long n, const std::string& what) { return std::to_string(n) + " " + what + (n == 1 ? "" : "s"); }
+
+}  // namespace
+
+std::vector<std::string> Features::lines(bool needed) const {
+    std::vector<std::string> out;
+    for (const Decision& decision : decisions)
+        if (decision.needed == needed) out.push_back(decision.what + ": " + decision.why);
+    return out;
+}
+
+Features Features::of(const Scene& scene, const Request& request, const Manifest* manifest) {
     Features features;
-    features.term_layers = terms || full;
-    features.geometry_layers = geometry || full;
-    const auto keep_if = [&](bool needed, const std::string& what, const std::string& why_needed,
-                             const std::string& why_not) {
-        (needed || full ? features.needed : features.left_out)
-            .push_back(what + ": " +
-                       (needed ? why_needed
-                        : full ? "kept by --full"
-                               : why_not));
-        return needed || full;
+    features.depth_only = request.depth_only;
+    features.visibility = request.visibility;
+    /// Enters a decision; returns whether the thing is computed, which --full and `keep` may force.
+    const auto decide = [&](const std::string& name, const std::string& what, bool needed,
+                            const std::string& why_needed, const std::string& why_not) {
+        const bool forced = !needed && (request.full || request.keep == name);
+        features.decisions.push_back({name, what,
+                                      needed         ? why_needed
+                                      : request.full ? "kept by --full"
+                                                     : why_not,
+                                      needed || forced});
+        return needed || forced;
     };
 
-    const char* kinds[] = {"point", "directional", "spot"};
-    for (size_t i = 0; i < scene.lights.size(); ++i)
-        if (keep_if(scene.lights[i].intensity != glm::dvec3(0),
-                    "light[" + std::to_string(i) + "] (" + kinds[int(scene.lights[i].kind)] + ")", "it shines",
-                    "its intensity is zero"))
+    for (size_t i = 0; i < scene.lights.size(); ++i) {
+        const std::string name = "light[" + std::to_string(i) + "]";
+        if (decide(name, name + " (" + kind_names[int(scene.lights[i].kind)] + ")",
+                   scene.lights[i].intensity != glm::dvec3(0), "it shines", "its intensity is zero"))
             features.lights.push_back(int(i));
-    for (int kind = 0; kind < 3; ++kind) {
-        const auto used = std::count_if(features.lights.begin(), features.lights.end(),
-                                        [&](int i) { return int(scene.lights[i].kind) == kind; });
-        (used > 0 ? features.needed : features.left_out)
-            .push_back(std::string("code for ") + kinds[kind] +
-                       " lights: " + (used > 0 ? std::to_string(used) + " in the scene" : "no such light is drawn"));
     }
     for (size_t i = 0; i < scene.materials.size(); ++i) {
         const auto users = std::count_if(scene.objects.begin(), scene.objects.end(),
                                          [&](const Object& o) { return o.material == int(i); });
-        if (keep_if(users > 0, "material." + scene.materials[i].name + " (" + scene.materials[i].model + ")",
-                    std::to_string(users) + (users == 1 ? " object" : " objects"), "no object uses it"))
+        const Material& material = scene.materials[i];
+        if (decide("material." + material.name, "material." + material.name + " (" + material.model + ")", users > 0,
+                   count(users, "object"), "no object uses it"))
             features.materials.push_back(int(i));
     }
+
+    const auto drawn_with = [&](const std::string& model) {
+        return std::any_of(features.materials.begin(), features.materials.end(),
+                           [&](int m) { return scene.materials[size_t(m)].model == model; });
+    };
+    std::array<long, 3> lights{};
+    for (int i : features.lights) ++lights[size_t(scene.lights[size_t(i)].kind)];
+    std::vector<std::string> models;
+    if (manifest)
+        for (const Function& model : manifest->models()) models.push_back(model.name);
+    const bool every_loop = request.full || request.keep == "loops";
+    size_t left = 0;
+    for (const std::string& model : models)
+        for (int kind = 0; kind < 3; ++kind) {
+            const bool needed = drawn_with(model) && lights[size_t(kind)] > 0;
+            if (needed || every_loop) features.loops.push_back(model + "_" + kind_names[kind]);
+            if (needed)
+                features.decisions.push_back({"", "code: " + model + " under " + kind_names[kind] + " lights",
+                                              count(lights[size_t(kind)], "light"), true});
+            else
+                ++left;
+        }
+    if (left > 0)
+        decide("loops", "code: " + std::to_string(left) + " shading loops", false, "",
+               "no object has the model, or no such light is drawn");
+
     for (const Object& object : scene.objects)
         (object.interpolation == Interpolation::gouraud ? features.gouraud : features.per_fragment) = true;
-    (features.per_fragment ? features.needed : features.left_out)
-        .push_back(std::string("shading at fragments: ") +
-                   (features.per_fragment ? "objects with interpolation = \"phong\"" : "no object asks for it"));
-    (features.gouraud ? features.needed : features.left_out)
-        .push_back(std::string("shading at vertices: ") +
-                   (features.gouraud ? "objects with interpolation = \"gouraud\"" : "no object asks for it"));
-    keep_if(terms, "layers ambient, diffuse, specular, coverage", "asked for", "nobody asked for them");
-    keep_if(geometry, "layers id, depth, normal, position", "asked for", "nobody asked for them");
-    features.left_out.push_back("texture coordinates and tangents: no material of this scene reads them");
-    (scene.film.samples > 1 ? features.needed : features.left_out)
-        .push_back(scene.film.samples > 1
-                       ? std::to_string(scene.film.samples) + " coverage samples per pixel: the film asks for them"
-                       : "multisampling: one sample per pixel");
+    // Of these there is nothing to keep: the scene says which way it is drawn.
+    const auto note = [&](const std::string& what, bool needed, const std::string& why) {
+        features.decisions.push_back({"", what, why, needed});
+    };
+    const std::string nobody = "no object asks for it";
+    note("shading at fragments", features.per_fragment,
+         features.per_fragment ? "objects with interpolation = \"phong\"" : nobody);
+    note("shading at vertices", features.gouraud,
+         features.gouraud ? "objects with interpolation = \"gouraud\"" : nobody);
+    note("samples for coverage", scene.film.samples > 1,
+         scene.film.samples > 1 ? std::to_string(scene.film.samples) + " per pixel: the film asks for them"
+                                : "one per pixel is enough");
+    features.term_layers = decide("terms", "layers ambient, diffuse, specular, coverage", request.terms, "asked for",
+                                  "nobody asked for them");
+    features.geometry_layers = decide("geometry", "layers id, depth, normal, position", request.geometry, "asked for",
+                                      "nobody asked for them");
+    features.surface =
+        decide("surface", "normal and position of fragments", features.per_fragment || features.geometry_layers,
+               features.per_fragment ? "they are shaded" : "layers show them", "colours are interpolated instead");
+    const bool takes_view = !manifest || std::any_of(features.materials.begin(), features.materials.end(), [&](int m) {
+        const Function* model = manifest->find_model(scene.materials[size_t(m)].model);
+        return !model || std::any_of(model->arguments.begin(), model->arguments.end(),
+                                     [](const Value& argument) { return argument.name == "v"; });
+    });
+    features.view =
+        decide("view", "the vector to the eye", takes_view, "a model takes it", "no model of this scene takes it");
+    // Textures need no decision yet: no function can be declared that takes one, and meshes are read without coordinates.
+    features.normal_fallback = request.full || request.keep == "fallback";
     return features;
 }
 

@@ -21,13 +21,19 @@
 
 namespace shadelab {
 
-Film::Film(int width, int height, const Features& features, glm::dvec3 background) : width(width), height(height) {
+Film::Film(int width, int height, const Features& features, glm::dvec3 background, int samples)
+    : width(width), height(height) {
     const size_t pixels = size_t(width) * height;
-    const auto add = [&](const char* name, int channels) {
+    const auto add = [&](const std::string& name, int channels) {
         layers.push_back({name, channels, std::vector<float>(pixels * channels, 0.0f)});
     };
     if (features.depth_only) {
         add("depth", 1);
+        return;
+    }
+    if (features.visibility) {
+        for (int s = 0; s < samples; ++s) add("triangle." + std::to_string(s), 1);
+        for (int s = 0; s < samples; ++s) add("depth." + std::to_string(s), 1);
         return;
     }
     add("total", 3);

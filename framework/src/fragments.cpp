@@ -12,9 +12,9 @@ namespace {
 
 constexpr uint32_t no_slot = 0xffffffff;
 
-/// Divides interpolated rows (n.xyz, sum, x.xyz, 0) by the sum, makes n unit and v the unit vector to the eye. The arrays are
+/// Divides interpolated rows (n.xyz, sum, x.xyz, 0) by the sum, makes n unit and, with View, v the unit vector to the eye. The arrays are
 /// restrict parameters: otherwise the compiler must assume that they overlap, and the loop stays scalar.
-template <class Real>
+template <bool View, class Real>
 void finish(int count, const Real* __restrict rows, glm::vec<3, Real> eye, Real* __restrict nx, Real* __restrict ny,
             Real* __restrict nz, Real* __restrict xx, Real* __restrict xy, Real* __restrict xz, Real* __restrict vx,
             Real* __restrict vy, Real* __restrict vz, Real* __restrict squared) {
@@ -27,6 +27,7 @@ void finish(int count, const Real* __restrict rows, glm::vec<3, Real> eye, Real*
         squared[i] = n_squared;
         const Real x0 = row[4] * inverse, x1 = row[5] * inverse, x2 = row[6] * inverse;
         xx[i] = x0, xy[i] = x1, xz[i] = x2;
+        if constexpr (!View) continue;
         const Real v0 = eye.x - x0, v1 = eye.y - x1, v2 = eye.z - x2;
         const Real v_scale = 1 / std::sqrt(v0 * v0 + v1 * v1 + v2 * v2);
         vx[i] = v0 * v_scale, vy[i] = v1 * v_scale, vz[i] = v2 * v_scale;
@@ -171,14 +172,21 @@ int64_t Interpolator<Real>::interpolate(const DrawnObject<Real>& object, const F
             batch.out[k][i] = (colour.c[k % 8] + colour.x[k % 8] * dx + colour.y[k % 8] * dy) / row[3];
         }
     }
+    return coloured && !frame_.features.surface ? 0 : surface(object, fragments, batch, frame_.features.view);
+}
+
+/// The batch's normals, positions and views, from its rows.
+template <class Real>
+int64_t Interpolator<Real>::surface(const DrawnObject<Real>& object, const Fragment* fragments,
+                                    FragmentBatch<Real>& batch, bool view) {
     auto& in = batch.in;
-    finish(count, rows_.data(), frame_.eye, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8],
-           squared_.data());
+    (view ? finish<true, Real> : finish<false, Real>)(batch.count, rows_.data(), frame_.eye, in[0], in[1], in[2], in[3],
+                                                      in[4], in[5], in[6], in[7], in[8], squared_.data());
     if (!object.normals_can_cancel) return 0;
 
     // Where vertex normals cancel the direction is noise: the face normal stands in, counted.
     int64_t replaced = 0;
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < batch.count; ++i) {
         if (squared_[size_t(i)] >= Real(1e-8)) continue;
         ++replaced;
         const uint32_t triangle = view_->triangles[fragments[i].place] - object.first_triangle;

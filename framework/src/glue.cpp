@@ -75,6 +75,11 @@ std::string call_model(const Function& model) {
     return model.name + "(" + join(arguments, ", ") + ")";
 }
 
+/// Opens the #if round a shading loop.
+std::string only(const std::string& model, int kind) {
+    return "#if !defined(SHADELAB_ONLY) || defined(SHADELAB_LOOP_" + model + "_" + kind_names[kind] + ")\n";
+}
+
 /// The function of that name, given or the student's own; a helper of the student's with the same name does not get in the way.
 std::string incident_light(const Manifest& manifest) {
     for (const Function& function : manifest.functions)
@@ -107,7 +112,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
            "so that the\n"
            "// compiler inlines the functions into the loops and vectorises them.\n"
            "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
-           "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n\n";
+           "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n"
+           "// -DSHADELAB_ONLY -DSHADELAB_LOOP_<model>_<kind> ...: those loops and nothing else, for one scene.\n\n";
     for (const Manifest& earlier : manifest.given)
         // In a namespace of its own: its helpers never clash with the student's.
         out << "namespace given {\n#include \""
@@ -129,6 +135,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
             // Two loops are written and one is compiled: a plugin serves those who want the layers or those who do not.
             out << (layers ? "#else\n" : "#if !SHADELAB_TERMS\n");
             for (int kind = 0; kind < 3; ++kind) {
+                out << only(model.name, kind);
                 out << "__attribute__((noinline, flatten)) static void shade_" << model.name << "_" << kind_names[kind]
                     << "(\n    int count, " << inputs
                     << ",\n    Real* __restrict tr, Real* __restrict tg, Real* __restrict tb";
@@ -153,7 +160,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                     for (const std::string& term : terms)
                         out << "        " << term << "_r[i] += " << term << ".x; " << term << "_g[i] += " << term
                             << ".y; " << term << "_b[i] += " << term << ".z;\n";
-                out << "    }\n}\n";
+                out << "    }\n}\n#endif\n";
             }
         }
         out << "#endif\n";
@@ -163,6 +170,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                 return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; };
             };
             int k = 0, l = 0;
+            out << only(model.name, kind);
             out << "static void batch_" << model.name << "_" << kind_names[kind]
                 << "(const shadelab::plugin::Batch<Real>& batch, const Real* material, const Real* light) noexcept {\n"
                 << "    const Real* const* in = batch.in;\n    Real* const* out = batch.out;\n"
@@ -174,10 +182,12 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
                    "out[2],\n"
                 << "#if SHADELAB_TERMS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], "
                    "out[11],\n#endif\n"
-                << "        m, source);\n}\n";
+                << "        m, source);\n}\n#else\nstatic constexpr std::nullptr_t batch_" << model.name << "_"
+                << kind_names[kind] << " = nullptr;\n#endif\n";
         }
     }
 
+    out << "#ifndef SHADELAB_ONLY\n";
     // noexcept, as the batches: a student's exception ends the process instead of passing for an error of the renderer.
     for (const Function& function : manifest.functions) {
         const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
@@ -194,7 +204,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         out << "\n    }\n}\n";
     }
 
-    out << "\nstatic const shadelab::plugin::Model<Real> model_table[] = {\n";
+    out << "#endif\n\nstatic const shadelab::plugin::Model<Real> model_table[] = {\n";
     for (const Function& model : models) {
         out << "    {\"" << model.name << "\", {";
         for (int kind = 0; kind < 3; ++kind)
@@ -202,14 +212,16 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         out << "}},\n";
     }
     if (models.empty()) out << "    {nullptr, {nullptr, nullptr, nullptr}},\n";
-    out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n";
+    out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n#ifndef SHADELAB_ONLY\n";
     for (const Function& function : manifest.functions)
         out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", "
             << manifest.columns(function.returns) << ", evaluate_" << function.name << "},\n";
-    out << "};\nextern \"C\" __attribute__((visibility(\"default\"))) const shadelab::plugin::Table<Real> "
+    out << "#endif\n    {nullptr, 0, 0, nullptr},\n};\nextern \"C\" __attribute__((visibility(\"default\"))) const "
+           "shadelab::plugin::Table<Real> "
            "shadelab_plugin = {\n"
-        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ", "
-        << manifest.functions.size() << ", model_table, function_table};\n";
+        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ",\n"
+        << "#ifdef SHADELAB_ONLY\n    0,\n#else\n    " << manifest.functions.size()
+        << ",\n#endif\n    model_table, function_table};\n";
     return out.str();
 }
 
@@ -357,9 +369,10 @@ ShaderMains glsl_geometry_mains(bool normals_can_cancel) {
 }
 
 ShaderMains glsl_depth_mains() {
-    return {"uniform mat4 shadelab_to_clip;\nin vec3 shadelab_position;\nvoid main() {\n"
-            "    gl_Position = shadelab_to_clip * vec4(shadelab_position, 1.0);\n}\n",
-            "void main() {}\n", false};
+    return {
+        "uniform mat4 shadelab_to_clip;\nin vec3 shadelab_position;\nvoid main() {\n"
+        "    gl_Position = shadelab_to_clip * vec4(shadelab_position, 1.0);\n}\n",
+        "void main() {}\n", false};
 }
 
 void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,

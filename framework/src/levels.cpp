@@ -58,10 +58,11 @@ DrawStatistics draw(const Scene& scene, const Features& features, const std::vec
     FrameFacts facts{scene.camera.world_to_clip(double(film.width) / film.height), {}, {}};
     for (int i : features.lights) facts.lights.push_back(scene.lights[size_t(i)].flatten());
     for (size_t i = 0; i < meshes.size(); ++i)
-        facts.normals_can_cancel.push_back(normals_can_cancel(meshes[i], scene.objects[i].to_world));
+        facts.normals_can_cancel.push_back(features.normal_fallback ||
+                                           normals_can_cancel(meshes[i], scene.objects[i].to_world));
     Workspace own;
     Workspace& memory = workspace ? *workspace : own;
-    const plugin::Table<Real>* shading = features.depth_only ? nullptr : &plugin;
+    const plugin::Table<Real>* shading = features.depth_only || features.visibility ? nullptr : &plugin;
     if constexpr (std::is_same_v<Real, float>)
         return table.draw_float(scene, features, facts, meshes, shading, film, memory);
     else

@@ -91,9 +91,8 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
         }
         const bool can_cancel = normals_can_cancel(meshes[i], object.to_world);
         const ShaderMains mains =
-            features.depth_only
-                ? glsl_depth_mains()
-                : glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel);
+            features.depth_only ? glsl_depth_mains()
+                                : glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel);
         toml::table draw{{"program", program_index(programs, mains)}};
         if (features.geometry_layers)
             draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));

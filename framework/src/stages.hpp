@@ -16,7 +16,7 @@ struct DrawnObject {
     const Mesh* mesh;
     uint32_t first_vertex, first_triangle;
 
-    glm::mat4 clip_from_object;    ///< float32 for both Reals: coverage must not depend on it
+    glm::mat4 clip_from_object;      ///< float32 for both Reals: coverage must not depend on it
     double pixel_from_object[4][4];  ///< columns; gives homogeneous pixel coordinates (x w, y w, w) and clip z
     Real world_from_object[4][4];
     Real normal_from_object[3][4];
@@ -55,7 +55,7 @@ struct Corner {
     /// Homogeneous: x w, y w, w; clip z. In double: a float's last bit, 1/16384 pixel on a large film, would be most of the
     /// error of what is interpolated over a small triangle.
     alignas(32) double pixel[4];
-    alignas(32) Real row[8];    ///< unit normal, 1 (so that interpolating it gives the weights' sum), world position, 0
+    alignas(32) Real row[8];  ///< unit normal, 1 (so that interpolating it gives the weights' sum), world position, 0
     glm::vec<3, Real> normal() const { return {row[0], row[1], row[2]}; }
     glm::vec<3, Real> position() const { return {row[4], row[5], row[6]}; }
 };
@@ -137,6 +137,8 @@ public:
     /// Fills a batch from fragments of one object. Returns how many normals had to be replaced by the face normal.
     int64_t interpolate(const DrawnObject<Real>& object, const Fragment* fragments, int count,
                         FragmentBatch<Real>& batch);
+    /// Fills in what interpolate() left out of the batch because nobody needs it: for reports of values that are not finite.
+    int64_t surface(const DrawnObject<Real>& object, const Fragment* fragments, FragmentBatch<Real>& batch, bool view);
 
 private:
     uint32_t make_planes(const DrawnObject<Real>& object, const Fragment& fragment);

@@ -113,19 +113,26 @@ def _by_age(folder: Path) -> list[Path]:
     return sorted(folder.iterdir(), key=age)
 
 
-def plugin_flags(double: bool, terms: bool) -> list[str]:
-    return [*_common, f"-DSHADELAB_TERMS={int(terms)}", *(_double if double else [*_float, *_architecture()])]
+def plugin_flags(double: bool, terms: bool, loops: list[str] | None = None) -> list[str]:
+    only = [] if loops is None else ["-DSHADELAB_ONLY", *(f"-DSHADELAB_LOOP_{loop}" for loop in loops)]
+    return [*_common, f"-DSHADELAB_TERMS={int(terms)}", *only, *(_double if double else [*_float, *_architecture()])]
 
 
 def build_plugin(
-    assignment: Assignment, source: Path, sandbox: Sandbox, double: bool = False, terms: bool = True
+    assignment: Assignment,
+    source: Path,
+    sandbox: Sandbox,
+    double: bool = False,
+    terms: bool = True,
+    loops: list[str] | None = None,
 ) -> Plugin:
     """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once.
 
     terms: whether the plugin's loops give the single terms beside the total, which costs time and is left out where nobody asks.
+    loops: for one scene, the loops that it needs (MODEL_KIND, as `shadelab-render needs` prints them) and nothing else.
     """
     glue = glue_folder(assignment.directory)
-    flags = plugin_flags(double, terms)
+    flags = plugin_flags(double, terms, loops)
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached = STATE / "plugins" / f"{digest}.so"
     if cached.exists():

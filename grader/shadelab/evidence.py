@@ -63,13 +63,22 @@ def _printed(raw: bytes) -> str:
 class CppRunner:
     backend = "cpp"
 
-    def __init__(self, assignment: Assignment, sandbox: Sandbox, double: bool = False, terms: bool = True) -> None:
-        self.assignment, self.sandbox, self.double, self.terms = assignment, sandbox, double, terms
+    def __init__(
+        self,
+        assignment: Assignment,
+        sandbox: Sandbox,
+        double: bool = False,
+        terms: bool = True,
+        loops: list[str] | None = None,
+    ) -> None:
+        """`terms`, `loops`: what the plugin holds (build_plugin)."""
+        self.assignment, self.sandbox, self.double, self.terms, self.loops = assignment, sandbox, double, terms, loops
         self.plugin: Plugin | None = None
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.double, self.terms)
+        source = folder / "shading.cpp"
+        self.plugin = build_plugin(self.assignment, source, self.sandbox, self.double, self.terms, self.loops)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:

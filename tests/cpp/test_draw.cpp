@@ -135,7 +135,7 @@ struct Drawn {
 
 template <class Real>
 Drawn draw_scene(const Scene& scene, const std::vector<Mesh>& meshes, bool layers = true, bool full = false) {
-    const Features features = Features::of(scene, layers, layers, full);
+    const Features features = Features::of(scene, {.terms = layers, .geometry = layers, .full = full});
     Drawn out{Film(scene.film.width, scene.film.height, features, scene.film.background), {}};
     if (features.term_layers)
         out.statistics = draw<Real>(scene, features, meshes, TestPlugin<Real, true>().table(), out.film);
@@ -518,8 +518,8 @@ TEST_CASE("a light of intensity zero is left out, and the image stays the same t
     scene.materials.push_back({"unused", "constant", {1, 1, 1}});
     scene.film.samples = 4;
 
-    const Features lean = Features::of(scene, false, false, false), full = Features::of(scene, false, false, true),
-                   layers = Features::of(scene, true, true, false);
+    const Features lean = Features::of(scene, {}), full = Features::of(scene, {.full = true}),
+                   layers = Features::of(scene, {.terms = true, .geometry = true});
     CHECK(lean.lights == std::vector<int>{1});
     CHECK(full.lights == std::vector<int>{0, 1, 2});
     CHECK(lean.materials == std::vector<int>{0});
@@ -531,14 +531,15 @@ TEST_CASE("a light of intensity zero is left out, and the image stays the same t
         return std::any_of(lines.begin(), lines.end(),
                            [&](const std::string& line) { return line.find(text) != std::string::npos; });
     };
-    CHECK(mentions(lean.left_out, "light[0] (directional): its intensity is zero"));
-    CHECK(mentions(lean.left_out, "light[2] (spot): its intensity is zero"));
-    CHECK(mentions(lean.needed, "light[1] (directional): it shines"));
-    CHECK(mentions(lean.left_out, "material.unused"));
-    CHECK(mentions(full.needed, "light[0] (directional): kept by --full"));
-    CHECK_FALSE(mentions(full.left_out, "light["));
-    for (const std::vector<std::string>* lines : {&lean.needed, &lean.left_out, &full.needed, &full.left_out})
-        for (const std::string& line : *lines) CHECK(line.find('\n') == std::string::npos);
+    CHECK(mentions(lean.lines(false), "light[0] (directional): its intensity is zero"));
+    CHECK(mentions(lean.lines(false), "light[2] (spot): its intensity is zero"));
+    CHECK(mentions(lean.lines(true), "light[1] (directional): it shines"));
+    CHECK(mentions(lean.lines(false), "material.unused"));
+    CHECK(mentions(full.lines(true), "light[0] (directional): kept by --full"));
+    CHECK_FALSE(mentions(full.lines(false), "light["));
+    for (const Features* features : {&lean, &full})
+        for (const bool needed : {false, true})
+            for (const std::string& line : features->lines(needed)) CHECK(line.find('\n') == std::string::npos);
 
     const std::vector<Mesh> meshes = {sphere(20, 30)};
     for (Interpolation interpolation : {Interpolation::phong, Interpolation::gouraud}) {

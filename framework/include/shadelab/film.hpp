@@ -22,11 +22,12 @@ struct Layer {
 /// total (RGB); with term layers: ambient, diffuse, specular (RGB each), coverage (0..1); with geometry layers, which are those
 /// of the surface at the pixel's centre whatever the sample count: id (object number from 1, 0 = background),
 /// depth (0..1, as OpenGL's window depth), normal (unit, world) and position (world).
+/// With depth_only: depth. With visibility: for each sample s triangle.s (number over the scene from 1, 0 = none), then depth.s.
 struct Film {
     int width, height;
     std::vector<Layer> layers;
 
-    Film(int width, int height, const Features& features, glm::dvec3 background);
+    Film(int width, int height, const Features& features, glm::dvec3 background, int samples = 1);
     Layer* find(const std::string& name) {
         for (Layer& layer : layers)
             if (layer.name == name) return &layer;

@@ -23,7 +23,8 @@ struct Batch {
 template <class Real>
 struct Model {
     const char* name;
-    /// One entry per light kind (0 point, 1 directional, 2 spot), so that no branch on the kind stands in the loop.
+    /// One entry per light kind (0 point, 1 directional, 2 spot), so that no branch on the kind stands in the loop. Null: the
+    /// plugin was compiled for scenes that do not need it.
     void (*shade[light_kinds])(const Batch<Real>& batch, const Real* material, const Real* light);
 };
 
