@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import date
 from fnmatch import fnmatch
@@ -30,7 +30,8 @@ from rich.table import Table
 
 from shadelab.build import BuildError, build_plugin
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.manifest import load_assignment
+from shadelab.expected import scene_meshes
+from shadelab.manifest import assignment_names, load_assignment
 from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION, STATE
 from shadelab.sandbox import Sandbox, work_folder
 
@@ -40,7 +41,7 @@ SHADINGS = [("depth", 0), ("phong", 1), ("phong", 4), ("cook-torrance", 1), ("co
 SAMPLES = [1, 4]
 QUICK = ["sphere-1k/depth/1s", "sphere-70k/phong-1/1s", "sphere-70k/cook-torrance-4/4s", "knot-70k/depth/4s",
          "knot-70k/phong-4/4s", "teapot/cook-torrance-1/1s", "bunny/phong-1/1s", "full/knot-70k",
-         "threads/knot-70k/phong-1/1s"]  # fmt: skip
+         "threads/knot-70k/phong-1/1s", "omissions/phong/teapot"]  # fmt: skip
 
 LEVELS = ["plain", "v2", "v3", "v4"]
 WITHOUT_AVX2 = ["plain", "v2"]
@@ -342,7 +343,7 @@ def measure_case(bench: Bench, case: Case) -> dict[str, Any]:
             "peer": {"name": peer.ready["gl"], **spread([b for _, b in pairs]), **errors[1]},
             "ratio": pairwise_ratio(pairs),
             "load_ms": ours.ready["load_ms"], "geometry_bytes": ours.ready["geometry_bytes"],
-            "memory_bytes": ours.ready["memory_bytes"], "peak_bytes": ours.peak_bytes(),
+            "framebuffer_bytes": ours.ready["framebuffer_bytes"], "peak_bytes": ours.peak_bytes(),
         }  # fmt: skip
 
 
@@ -391,6 +392,37 @@ def measure_load(bench: Bench, mesh: str) -> dict[str, Any]:
     return {"name": f"load/{mesh}", "unit": "ms", **spread(times)}
 
 
+def measure_omissions(bench: Bench, assignment: str, scene: Path) -> dict[str, Any]:
+    """A scene as it is and with --full: frames in turn, and the set-up (compiling the plugin, loading) of each."""
+    declared = load_assignment(SOLUTION / assignment)
+    source = bench.folder / "shading.cpp"  # nothing that was compiled before has this text
+    source.write_text((SOLUTION / assignment / "shading.cpp").read_text() + f"\n// {time.time_ns()}\n")
+    command = [str(RENDER), "needs", str(scene), "--assignment", str(declared.directory)]
+    loops = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)["loops"]
+    programs, setup = {}, {}
+    with ExitStack() as stack:
+        for name, options, only in (("lean", [], loops), ("full", ["--full"], None)):
+            start = time.perf_counter()
+            plugin = build_plugin(declared, source, Sandbox(bench.folder / "build"), False, only is None, only)
+            compiled = 1000 * (time.perf_counter() - start)
+            command = [str(RENDER), "frames", str(scene), "--assignment", str(declared.directory), *options]
+            command += ["--threads", str(bench.threads), "--plugin", str(plugin.file)]
+            programs[name] = stack.enter_context(resident("shadelab-render frames", command, bench.environment()))
+            setup[name] = {"compile_ms": compiled, "load_ms": programs[name].ready["load_ms"]}
+        for program in programs.values():
+            for _ in range(WARM):
+                program.draw()
+        pairs = alternate(programs["lean"].draw, programs["full"].draw, bench.pairs, 0.5, 0.005)
+    frame = pairwise_ratio(pairs)
+    times = {name: statistics.median(t) for name, t in zip(("lean", "full"), zip(*pairs))}
+    whole = {name: times[name] + sum(setup[name].values()) for name in times}
+    return {
+        "name": f"omissions/{assignment}/{scene.stem}", "unit": "ms",
+        "lean": {"frame_ms": times["lean"], **setup["lean"]}, "full": {"frame_ms": times["full"], **setup["full"]},
+        "frame_ratio": frame, "ratio": whole["lean"] / whole["full"],
+    }  # fmt: skip
+
+
 # ------------------------------------------------------------------------------------------------------- the run
 
 
@@ -409,7 +441,18 @@ def all_tasks() -> list[Task]:
     supersampling = [
         Task(f"supersampling/q{q:g}", {"sphere-70k"}, partial(measure_supersampling, q=q)) for q in EXPONENTS
     ]
-    return [*cases, *threads, *supersampling, Task("load/knot-1m", {"knot-1m"}, partial(measure_load, mesh="knot-1m"))]
+    load = Task("load/knot-1m", {"knot-1m"}, partial(measure_load, mesh="knot-1m"))
+    return [*cases, *threads, *supersampling, load, *omission_tasks()]
+
+
+def omission_tasks() -> list[Task]:
+    tasks = []
+    for name in assignment_names():
+        for scene in load_assignment(SOLUTION / name).scenes:
+            meshes = {mesh.stem for mesh in scene_meshes(scene)}
+            run = partial(measure_omissions, assignment=name, scene=scene.file)
+            tasks.append(Task(f"omissions/{name}/{scene.file.stem}", meshes, run))
+    return tasks
 
 
 def chosen_tasks(only: str, quick: bool) -> list[Task]:
@@ -492,21 +535,19 @@ def assemble(
     def section(name: str) -> list[dict[str, Any]]:
         return [r for r in results if r["name"].startswith(f"{name}/")]
 
-    apart = {name: section(name) for name in ("full", "threads", "supersampling", "load")}
+    apart = {name: section(name) for name in ("full", "threads", "supersampling", "load", "omissions")}
     cases = [r for r in results if not any(r in part for part in apart.values())]
     peers = sorted({c["peer"]["name"] for c in [*cases, *apart["full"]]})
-    memory = [
-        {name: c[name] for name in ("name", "geometry_bytes", "memory_bytes", "peak_bytes")}
-        for c in cases
-        if c["mesh"].endswith("-1m")
-    ]
-    bars = held_against_bars(cases, apart, settings["level"])
+    kinds = ("name", "geometry_bytes", "framebuffer_bytes", "peak_bytes")
+    memory = [{kind: c[kind] for kind in kinds} for c in cases if c["mesh"].endswith("-1m")]
+    beside = [m["peak_bytes"] - m["geometry_bytes"] - m["framebuffer_bytes"] for m in memory]
+    bars = held_against_bars(cases, apart, settings["level"], beside)
     return {"machine": {**machine, "peer": peers}, "settings": settings, "cases": cases, **apart,
             "memory": memory, "skipped": skipped, "bars": bars}  # fmt: skip
 
 
 def held_against_bars(
-    cases: list[dict[str, Any]], apart: dict[str, list[dict[str, Any]]], level: str
+    cases: list[dict[str, Any]], apart: dict[str, list[dict[str, Any]]], level: str, memory: list[int]
 ) -> list[dict[str, Any]]:
     """What must hold, what came out, and whether it does. Bars of which nothing was measured are left out."""
     ratios = [c["ratio"] for c in cases]
@@ -521,18 +562,35 @@ def held_against_bars(
             bar("--full: the largest ours/llvmpipe, all layers", [c["ratio"] for c in apart["full"]], max, 0.45),
         ]
     bars.append(bar("the largest image error, ours/llvmpipe", [error_ratio(c) for c in cases], max, 1.0))
-    bars.append(bar("two threads over one, of arithmetic's gain", [t["share"] for t in apart["threads"]], min, 0.9))
+    bars.append(
+        bar("two threads over one, of arithmetic's gain", [t["share"] for t in apart["threads"]], min, 0.9, True)
+    )
+    omitted = apart["omissions"]
+    bars.append(
+        bar(
+            "leaving out, frame and set-up: --full over needed",
+            [1 / o["ratio"] for o in omitted],
+            geometric_mean,
+            1.3,
+            True,
+        )
+    )
+    bars.append(
+        bar("leaving out, the slowest frame: needed over --full", [o["frame_ratio"] for o in omitted], max, 1.03)
+    )
+    bars.append(bar("memory beside geometry and framebuffers, MiB", [m / 2**20 for m in memory], max, 64.0))
     bars.append(bar("loading a million triangles, ms", [t["median"] for t in apart["load"]], max, 1500.0))
     return [b for b in bars if b is not None]
 
 
-def bar(name: str, values: list[float], reduce: Callable, limit: float) -> dict[str, Any] | None:
-    """`reduce` min: the value must be at least the limit; otherwise at most."""
+def bar(
+    name: str, values: list[float], reduce: Callable, limit: float, at_least: bool = False
+) -> dict[str, Any] | None:
     if not values:
         return None
-    value, least = reduce(values), reduce is min
-    met = value >= limit if least else value <= limit
-    return {"name": name, "value": value, "limit": limit, "sense": "at least" if least else "at most", "met": met}
+    value = reduce(values)
+    met = value >= limit if at_least else value <= limit
+    return {"name": name, "value": value, "limit": limit, "sense": "at least" if at_least else "at most", "met": met}
 
 
 def error_ratio(case: dict[str, Any]) -> float:
@@ -564,8 +622,14 @@ def print_report(bench: dict[str, Any], output: Console) -> None:
         ]
     lines += [f"{each['name']}: {milliseconds(each['median'])} ms" for each in bench["load"]]
     lines += [
-        f"{m['name']}: {m['memory_bytes'] / 2**20:.0f} MiB at most beside {m['geometry_bytes'] / 2**20:.0f} MiB of geometry"
+        f"{m['name']}: {m['peak_bytes'] / 2**20:.0f} MiB at most, with {m['geometry_bytes'] / 2**20:.0f} MiB of geometry and"
+        f" {m['framebuffer_bytes'] / 2**20:.0f} MiB of framebuffers"
         for m in bench["memory"]
+    ]
+    lines += [
+        f"{o['name']}: frame {milliseconds(o['lean']['frame_ms'])} ms, with --full {milliseconds(o['full']['frame_ms'])} ms"
+        f" ({o['frame_ratio']:.2f}); with set-up {o['ratio']:.2f}"
+        for o in bench["omissions"]
     ]
     lines += [f"skipped {each['name']}: {each['why']}" for each in bench["skipped"]]
     for line in lines:

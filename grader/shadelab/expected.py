@@ -98,15 +98,20 @@ class Expected:
         return self.folder / f"{scene.name}.packet"
 
 
-def missing_meshes(scene: Scene) -> list[Path]:
-    """Meshes that the scene names and this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
+def scene_meshes(scene: Scene) -> list[Path]:
+    """The mesh files that the scene names."""
     objects = read_toml(scene.file).get("object", [])
     meshes = [
         (scene.file.parent / o["mesh"]).resolve()
         for o in objects
         if isinstance(o, dict) and isinstance(o.get("mesh"), str)
     ]
-    return [mesh for mesh in dict.fromkeys(meshes) if not mesh.exists()]
+    return list(dict.fromkeys(meshes))
+
+
+def missing_meshes(scene: Scene) -> list[Path]:
+    """Those that this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
+    return [mesh for mesh in scene_meshes(scene) if not mesh.exists()]
 
 
 def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.ndarray:

@@ -215,7 +215,7 @@ def fake_case(case: Case, ours: float, peer: float) -> dict:
     return {
         "name": case.name, "unit": "ms", "mesh": case.mesh, "shading": case.look, "samples": case.samples,
         "ours": {"median": ours, "error": 1e-6}, "peer": {"name": "llvmpipe (fake)", "median": peer, "error": 2e-6},
-        "ratio": ours / peer, "load_ms": 1.0, "geometry_bytes": 1 << 20, "memory_bytes": 1 << 21, "peak_bytes": 1 << 22,
+        "ratio": ours / peer, "load_ms": 1.0, "geometry_bytes": 1 << 20, "framebuffer_bytes": 1 << 21, "peak_bytes": 1 << 22,
     }  # fmt: skip
 
 
@@ -260,7 +260,7 @@ def test_bars_without_avx2():
     bars = {b["name"]: b["limit"] for b in fake_bench("v2")["bars"]}
     assert bars["geometric mean of ours/llvmpipe"] == 0.75
     assert "the same, depth only" not in bars
-    assert bench.held_against_bars([], {"full": [], "threads": [], "load": []}, "v3") == []
+    assert bench.held_against_bars([], {"full": [], "threads": [], "load": [], "omissions": []}, "v3", []) == []
 
 
 def test_below_avx2_the_peer_is_held_to_sse(tmp_path):
