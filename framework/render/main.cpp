@@ -282,11 +282,26 @@ double arithmetic_ms() {
     return now_ms() - start;
 }
 
+std::string json_strings(const std::vector<std::string>& texts) {
+    std::string out;
+    for (const std::string& text : texts) {
+        out += out.empty() ? "\"" : ", \"";
+        for (const char c : text) out += c == '"' || c == '\\' ? std::string("\\") + c : std::string(1, c);
+        out += "\"";
+    }
+    return "[" + out + "]";
+}
+
 void print_needs(const LoadedScene& loaded) {
-    std::cout << "{\"terms\": " << (loaded.features.term_layers ? "true" : "false") << ", \"loops\": [";
-    for (size_t i = 0; i < loaded.features.loops.size(); ++i)
-        std::cout << (i ? ", " : "") << "\"" << loaded.features.loops[i] << "\"";
-    std::cout << "]}\n";
+    const Features& features = loaded.features;
+    std::vector<std::string> names;
+    for (const Decision& decision : features.decisions)
+        if (!decision.needed) names.push_back(decision.name);
+    std::cout << "{\"terms\": " << (features.term_layers ? "true" : "false")
+              << ", \"loops\": " << json_strings(features.loops)
+              << ", \"needed\": " << json_strings(features.lines(true))
+              << ", \"left_out\": " << json_strings(features.lines(false)) << ", \"names\": " << json_strings(names)
+              << "}\n";
 }
 
 /// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, threads N, arithmetic. For benchmarks.
@@ -424,7 +439,8 @@ int main(int argc, char** argv) {
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
     image->add_option("--full-plugin", options.full_plugin,
                       "with --explain: a plugin that leaves nothing out, to measure with");
-    CLI::App* needs = app.add_subcommand("needs", "print as JSON what a scene's plugin must hold");
+    CLI::App* needs = app.add_subcommand(
+        "needs", "print as JSON what a scene's plugin must hold; with --explain all that is needed and left out");
     add_scene_options(needs);
     CLI::App* frames = app.add_subcommand("frames", "draw a scene as often as stdin asks, for benchmarks");
     add_scene_options(frames);
@@ -468,9 +484,8 @@ int main(int argc, char** argv) {
             library.is_double() ? evaluate<double>(options, library) : evaluate<float>(options, library);
         } else {
             const double start = now_ms();
-            LoadedScene loaded = load(options, !*needs);
+            LoadedScene loaded = load(options, !*needs || options.explain);
             const double load_ms = now_ms() - start;
-            if (options.explain && *packet) explain(loaded.features, [](const Decision&) { return ""; });
             if (*needs) {
                 print_needs(loaded);
             } else if (*packet) {

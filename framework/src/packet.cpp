@@ -89,7 +89,7 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
                 column += count;
             }
         }
-        const bool can_cancel = normals_can_cancel(meshes[i], object.to_world);
+        const bool can_cancel = features.normal_fallback || normals_can_cancel(meshes[i], object.to_world);
         const ShaderMains mains =
             features.depth_only ? glsl_depth_mains()
                                 : glsl_shade_mains(manifest, scene, features, model, object.interpolation, can_cancel);

@@ -120,6 +120,21 @@ struct Fragment {
     float weight;    ///< share of the pixel's samples that it covers
 };
 
+/// The fragments of a tile.
+struct Fragments {
+    std::vector<Fragment> list;  ///< as long as was ever needed
+    size_t count = 0;
+    bool full = false;  ///< every pixel is covered whole, by one triangle
+};
+
+/// Stage 4 for a tile: front faces in the scene's order, then back faces. Ids: whether it is asked who is nearest.
+template <bool Ids, class Real>
+void see(const Frame<Real>& frame, const Buffers& buffers, const TileGrid& grid, int tile,
+         const std::vector<glm::ivec2>& samples, TileView& view);
+
+/// The distinct triangles that each pixel of a tile sees, with the share of its samples, row by row.
+void collect_fragments(const TileView& view, int samples, glm::ivec2 origin, const TileGrid& grid, Fragments& out);
+
 /// Attributes over the pixels, times the sum of the perspective weights: value = c + x dx + y dy from an anchor pixel. A row of
 /// eight is what a vector register holds: n.xyz, the sum itself, x.xyz, 0.
 template <class Real>

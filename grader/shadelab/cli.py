@@ -160,9 +160,8 @@ def _student_build(runner, folder: Path) -> float:
 
 
 def _needs(scene: Path, options: list[str]) -> dict:
-    """Which loops and layers the scene's plugin must hold."""
-    plain = [o for o in options if o != "--explain"]
-    outcome = subprocess.run([str(RENDER), "needs", str(scene), *plain], capture_output=True, text=True)
+    """Which loops and layers the scene's plugin must hold; with --explain among the options, all that it needs."""
+    outcome = subprocess.run([str(RENDER), "needs", str(scene), *options], capture_output=True, text=True)
     if outcome.returncode:
         print(outcome.stderr, end="", file=sys.stderr)
         raise typer.Exit(outcome.returncode if outcome.returncode in (2, 3) else 3)
@@ -231,13 +230,14 @@ def render(
     with work_folder("render") as work:
         packet_file = packet or work / "frame.packet"
         if packet or backend == "glsl":
-            _run_renderer(["packet", str(scene), *options, "-o", str(packet_file)])
+            plain = [o for o in options if o != "--explain"]
+            _run_renderer(["packet", str(scene), *plain, "-o", str(packet_file)])
         if packet and output is None:
             print(shown(packet))
             return
         if backend == "cpp":
             sandbox = Sandbox(work, SHOWN)
-            needs = _needs(scene, options)
+            needs = _needs(scene, [o for o in options if o != "--explain"])
             runner = CppRunner(declared, sandbox, double, needs["terms"], None if full else needs["loops"])
             seconds = _student_build(runner, folder)
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
@@ -245,8 +245,6 @@ def render(
                 everything = CppRunner(declared, sandbox, double)
                 full_seconds = _student_build(everything, folder)
                 numbers += ["--full-plugin", str(everything.plugin.file)]
-            if packet:
-                options = [o for o in options if o != "--explain"]
             image = [
                 "image",
                 str(scene),
@@ -263,11 +261,45 @@ def render(
         else:
             gl = GlslRunner(declared, Sandbox(work))
             _student_build(gl, folder)
+            if explain:
+                _explain_glsl(gl, scene, options, work)
             [(_, drawn)] = gl.run([Draw(Scene(scene.stem, scene, 0), packet_file)])
             if drawn.array is None:
                 raise UserError(f"{shown(scene)}: the render {drawn.failure}")
             _write_image(drawn.array if layers else drawn.array[..., :3], output, exposure)
     print(shown(output))
+
+
+def _explain_glsl(gl, scene: Path, options: list[str], work: Path) -> None:
+    """What the scene needs and what is left out, as the renderer prints it for C++; what an omission saves is measured by
+    drawing the packet with it and without, in turn."""
+    from shadelab.evidence import Draw
+    from shadelab.manifest import Scene
+
+    needs = _needs(scene, options)
+    # The compiler drops what a shader does not use; of the rest there is a packet with each thing kept.
+    kept = [name for name in needs["names"] if name in ("terms", "geometry", "fallback") or name.startswith("light[")]
+    packets = {name: work / f"keep-{index}.packet" for index, name in enumerate(["", *kept])}
+    plain = [o for o in options if o != "--explain"]
+    for name, file in packets.items():
+        _run_renderer(["packet", str(scene), *plain, *(["--keep", name] if name else []), "-o", str(file)])
+    tasks = {name: Draw(Scene(scene.stem, scene, 0), file) for name, file in packets.items()}
+    names = [name for _ in range(5) for name in tasks]
+    times = {name: [] for name in tasks}
+    for name, (_, drawn) in zip(names, gl.run([tasks[name] for name in names])):
+        times[name].append(drawn.seconds)
+    best = {name: 1000 * min(t[1:]) for name, t in times.items()}  # the first of each compiles
+    print("needed")
+    for line in needs["needed"]:
+        print(f"  + {line}")
+    print("left out")
+    for name, line in zip(needs["names"], needs["left_out"]):
+        if name in kept:
+            gain = max(0.0, best[name] - best[""])
+            line += f"; saves {gain:.2f} of {best[''] + gain:.2f} ms, upload and read-back included"
+        print(f"  - {line}")
+    compiling = 1000 * times[""][0] - best[""]
+    print(f"compiling the shaders takes {max(0.0, compiling):.0f} ms before the first frame")
 
 
 def _run_renderer(arguments: list[str]) -> None:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 
+from shadelab.build import processor_level
 from shadelab.expected import missing_meshes
 from shadelab.glcontext import create_context, describe, try_ways
 from shadelab.manifest import assignment_names, load_assignment
@@ -28,6 +29,14 @@ def examine() -> list[Finding]:
         out.append(Finding("C++ compiler", "ok", version))
     else:
         out.append(Finding("C++ compiler", "bad", "g++ is missing", "install the package g++"))
+    chosen = " (SHADELAB_LEVEL)" if os.environ.get("SHADELAB_LEVEL") else ""
+    out.append(
+        Finding(
+            "processor",
+            "ok",
+            f"{processor_level()} of plain, v2, v3, v4{chosen}: which code draws; the image is the same",
+        )
+    )
     if RENDER.exists():
         out.append(Finding("framework", "ok", shown(RENDER)))
     else:

@@ -280,6 +280,18 @@ def covers(corners: Corners, triangle: np.ndarray, x: np.ndarray, y: np.ndarray,
     return ((value > 0) | ((value == 0) & owns)).all(axis=1) & (area != 0) & (triangle != 0)
 
 
+def distance_to_edge(corners: Corners, triangle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Pixels from (x, y) to the nearest line through an edge, before corners are rounded, also where some lie behind the eye."""
+    clip = corners.rounded[triangle].astype(float)
+    w = clip[..., 3:]
+    corner = np.concatenate([(clip[..., :2] + w) * 0.5 * [corners.width, corners.height], w], axis=2)
+    line = np.cross(corner, np.roll(corner, -1, axis=1))
+    value = line[..., 0] * x[:, None] + line[..., 1] * y[:, None] + line[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.abs(value) / np.hypot(line[..., 0], line[..., 1])
+    return np.where(triangle == 0, np.inf, distance.min(axis=1))
+
+
 # ------------------------------------------------------------------------------------------------------ comparison
 
 
@@ -310,6 +322,7 @@ class Comparison:
     ties: int  # of them, those where both cover the sample and the depths are the same within their errors
     ours_nearer: int  # of the ties, those where ours is the truly nearer
     differing_clipped: int
+    off_edge: float  # how far the farthest of those lies from an edge, in 1/256 pixel
     ours: Errors  # against the truth
     peer: Errors
     ours_setup: Errors  # against the truth that starts from the float32 clip positions
@@ -354,6 +367,10 @@ def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> C
     off = sum(np.where(from_rounded.least_height[t] < LEAST_HEIGHT, from_rounded.half_step[t], 0) for t in (a, b))
     equal = np.abs(gap) <= OUR_DEPTH_ERROR + peer_setup.max * UNIT + off
     tie = ~rounded & by_quotient[0] & by_quotient[1] & equal
+    at = np.nonzero(differs & ~unclipped)
+    x, y = place(at)
+    distances = [distance_to_edge(corners, seen.triangle[at], x, y) for seen in (mine, peer)]
+    off_edge = 256 * float(np.minimum(*distances).max(initial=0))
     either = (mine.triangle != 0) | (peer.triangle != 0)
     return Comparison(
         scene=name,
@@ -365,6 +382,7 @@ def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> C
         ties=int(tie.sum()),
         ours_nearer=int((tie & (gap <= 0)).sum()),
         differing_clipped=int((differs & ~unclipped).sum()),
+        off_edge=off_edge,
         ours=errors(mine, from_exact),
         peer=errors(peer, from_exact),
         ours_setup=ours_setup,
@@ -444,7 +462,7 @@ def markdown(comparisons: list[Comparison]) -> str:
     errors = ["ours_setup", "peer_setup", "ours", "peer"]
 
     def row(name: str, samples: int, of: list[Comparison]) -> str:
-        cells = [f"{sum(getattr(c, count) for c in of):,}".replace(",", " ") for count in counts]
+        cells = [f"{sum(getattr(c, count) for c in of):,}" for count in counts]
         for error in errors:
             measured = [e for e in (getattr(c, error) for c in of) if e.count]
             largest = (max(e.max for e in measured), max(e.p999 for e in measured)) if measured else None
@@ -462,7 +480,12 @@ def markdown(comparisons: list[Comparison]) -> str:
     lines += [row(c.scene, c.samples, [c]) for c in comparisons]
     ties, nearer = (sum(getattr(c, count) for c in comparisons) for count in ("ties", "ours_nearer"))
     thin = [c.ours_thin for c in comparisons if c.ours_thin.count]
-    lines += ["", f"Of the {ties} ties, ours is the truly nearer in {nearer}."]
+    off_edge = max(c.off_edge for c in comparisons)
+    lines += [
+        "",
+        f"Of the {ties} ties, ours is the truly nearer in {nearer}. The samples that differ where triangles are",
+    ]
+    lines[-1] += f" clipped lie at most {off_edge:.2f}/256 pixel from an edge as it was before corners were rounded."
     if thin:
         lines[-1] += (
             f" On triangles that are less than a pixel high, our set-up's error is {max(e.max for e in thin):.0f} at most"

@@ -1,14 +1,17 @@
 #pragma once
 // The whole machine on one screen. A frame passes through the types below in the order in which they stand:
 //
-//   Mesh ──1──► VertexStream ──2──► ScreenTriangle ──3──► bins ──4──► VisibilityTile ──5──► FragmentBatch ──6──► Film
+//   Mesh ──1,2──► ScreenVertex ──3──► bins ──4──► VisibilityTile ──5──► FragmentBatch ──6──► Film
 //
-//   1  vertices are transformed to clip space (and to world space, for shading)
-//   2  triangles are clipped and projected onto an 8-bit sub-pixel grid
-//   3  each is listed in the 64 x 64 tiles that it touches
+//   1  vertices are transformed to clip space
+//   2  and projected onto an 8-bit sub-pixel grid; triangles that leave it, or the near or far plane, are clipped
+//   3  each triangle's number is listed in the 64 x 64 tiles that it touches, front faces apart from back faces
 //   4  per tile, the nearest triangle of every sample is found: visibility first
 //   5  only what is visible is interpolated, in batches of one material (structure of arrays)
 //   6  the student's function shades a batch, one light at a time: I(a + b) = I(a) + I(b)
+//
+// The code stands in bin.cpp (1 to 3), rasterize.cpp and visibility.cpp (2 and 4), fragments.cpp (5) and draw.cpp (6 and the frame as a whole);
+// docs/rasterizer.md says why it is fast.
 //
 // Conventions are OpenGL's: clip space with z in [-w, w], window y upwards, pixel centres at half-integers, depth in [0, 1],
 // nearer is smaller. Only Film counts rows from the top. Coverage is decided in integers, so that two triangles that share an
