@@ -16,7 +16,7 @@ constexpr int subpixels = 1 << subpixel_bits;
 // With films of up to 16384 pixels, coordinates stay below 2^23 sub-pixels and the edge functions inside a tile below 2^31.
 constexpr float guard_pixels = 8192;
 constexpr float grid_limit = float(1 << 24);
-constexpr float residual_scale = 32768;  // of half a sub-pixel at most: fits 16 bits
+constexpr double residual_scale = 32768;  // of little more than half a sub-pixel at most: fits 16 bits
 
 struct Plane {
     double x, y, z, w;
@@ -267,14 +267,19 @@ void project(int count, const float* __restrict x, const float* __restrict y, co
             const float* __restrict divisor = w + start;
             const double half = axis ? half_height : half_width;
             for (int i = 0; i < n; ++i) {
-                // Scale and offset as one rounding (double, then float), then onto the grid in float32: llvmpipe's own steps.
-                const float window = float(double(coordinate[i] / divisor[i]) * half + half);
+                // llvmpipe's own steps: times the reciprocal, scale and offset as one rounding (double, then float), then onto
+                // the grid in float32.
+                const float window = float(double(coordinate[i] * (1.0f / divisor[i])) * half + half);
                 float grid = (window - 0.5f) * float(subpixels);
                 grid = grid < grid_limit ? grid : grid_limit;  // of vertices that are to be clipped: any value does
                 grid = grid > -grid_limit ? grid : -grid_limit;
                 const double rounded = (double(grid) + anchor) - anchor;
                 on_grid[axis][i] = int32_t(rounded);
-                residual[axis][i] = int32_t((grid - float(rounded)) * residual_scale);
+                // What that took away, from the better quotient.
+                const double exact = (double(coordinate[i] / divisor[i]) * half + half - 0.5) * subpixels;
+                double lost = (exact - rounded) * residual_scale;
+                lost = lost < residual_scale ? lost : residual_scale - 1;
+                residual[axis][i] = int32_t(lost > -residual_scale ? lost : -residual_scale);
             }
         }
         for (int i = 0; i < n; ++i) {

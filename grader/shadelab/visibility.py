@@ -259,18 +259,18 @@ class Planes:
         return at[:, 2] + self.slope_x[triangle] * (x - at[:, 0]) + self.slope_y[triangle] * (y - at[:, 1])
 
 
-def on_grid(corners: Corners, triangle: np.ndarray, reciprocal: bool) -> np.ndarray:
-    """(N, 3, 2): the corners on the grid of 1/256 pixel, from the centre of the bottom-left pixel, in float32 steps.
-    `reciprocal`: x (1/w), which is rounded twice, as llvmpipe has it; otherwise x/w, rounded once, as ours."""
+def on_grid(corners: Corners, triangle: np.ndarray) -> np.ndarray:
+    """(N, 3, 2): the corners on the grid of 1/256 pixel, from the centre of the bottom-left pixel, in float32 steps: x (1/w),
+    rounded twice, as llvmpipe and ours have it."""
     clip, half = corners.rounded[triangle], np.array([corners.width, corners.height]) * 0.5
     x, w = clip[..., :2], clip[..., 3:]
-    window = ((x * (np.float32(1) / w) if reciprocal else x / w).astype(float) * half + half).astype(np.float32)
+    window = ((x * (np.float32(1) / w)).astype(float) * half + half).astype(np.float32)
     return np.rint((window - np.float32(0.5)) * np.float32(256)).astype(np.int64)
 
 
-def covers(corners: Corners, triangle: np.ndarray, x: np.ndarray, y: np.ndarray, reciprocal: bool) -> np.ndarray:
+def covers(corners: Corners, triangle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Whether each triangle holds the sample at window place (x, y): the rule, with unlimited integers."""
-    at = on_grid(corners, triangle, reciprocal)
+    at = on_grid(corners, triangle)
     sample = np.rint((np.stack([x, y], axis=-1) - 0.5) * 256).astype(np.int64)
     edge = np.roll(at, -1, axis=1) - at
     area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
@@ -318,7 +318,6 @@ class Comparison:
     covered: int  # samples, by either program
     clipped: int  # of them, those of triangles that a plane of the frustum cuts
     differing: int  # samples that see another triangle, where no clipped one is concerned
-    rounded: int  # of them, those where a corner's place on the grid hangs on how x/w is rounded
     ties: int  # of them, those where both cover the sample and the depths are the same within their errors
     ours_nearer: int  # of the ties, those where ours is the truly nearer
     differing_clipped: int
@@ -360,13 +359,10 @@ def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> C
     at = np.nonzero(differs & unclipped)
     a, b, (x, y) = mine.triangle[at], peer.triangle[at], place(at)
     gap = from_rounded.depth(a, x, y) - from_rounded.depth(b, x, y)
-    by_quotient, by_reciprocal = ([covers(corners, t, x, y, how) for t in (a, b)] for how in (False, True))
-    rounded = (by_quotient[0] != by_reciprocal[0]) | (by_quotient[1] != by_reciprocal[1])
-    rounded &= ((a == 0) | by_quotient[0]) & ((b == 0) | by_reciprocal[1])  # each program kept to its own rule
     # On a sliver the sample may lie off the unrounded triangle, by half a step of the grid in each direction.
     off = sum(np.where(from_rounded.least_height[t] < LEAST_HEIGHT, from_rounded.half_step[t], 0) for t in (a, b))
     equal = np.abs(gap) <= OUR_DEPTH_ERROR + peer_setup.max * UNIT + off
-    tie = ~rounded & by_quotient[0] & by_quotient[1] & equal
+    tie = covers(corners, a, x, y) & covers(corners, b, x, y) & equal
     at = np.nonzero(differs & ~unclipped)
     x, y = place(at)
     distances = [distance_to_edge(corners, seen.triangle[at], x, y) for seen in (mine, peer)]
@@ -378,7 +374,6 @@ def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> C
         covered=int(either.sum()),
         clipped=int((either & ~unclipped).sum()),
         differing=int(a.size),
-        rounded=int(rounded.sum()),
         ties=int(tie.sum()),
         ours_nearer=int((tie & (gap <= 0)).sum()),
         differing_clipped=int((differs & ~unclipped).sum()),
@@ -458,7 +453,7 @@ def compare_all(scenes: list[Path], progress: Callable[[str], None]) -> list[Com
 
 def markdown(comparisons: list[Comparison]) -> str:
     """A row for each scene and number of samples, and above them their sums (of counts) and largest (of errors)."""
-    counts = ["covered", "clipped", "differing", "rounded", "ties", "differing_clipped"]
+    counts = ["covered", "clipped", "differing", "ties", "differing_clipped"]
     errors = ["ours_setup", "peer_setup", "ours", "peer"]
 
     def row(name: str, samples: int, of: list[Comparison]) -> str:
@@ -470,7 +465,7 @@ def markdown(comparisons: list[Comparison]) -> str:
         return f"| {name} | {samples} | {' | '.join(cells)} |"
 
     head = [
-        "scene", "samples", "covered", "of them clipped", "differing, unclipped", "by a corner's rounding", "depth ties",
+        "scene", "samples", "covered", "of them clipped", "differing, unclipped", "depth ties",
         "differing, clipped", "set-up: ours", "llvmpipe's", "in all: ours", "llvmpipe's",
     ]  # fmt: skip
     lines = [f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1)]
