@@ -113,8 +113,7 @@ def test_the_plane_that_depths_are_held_against():
 def test_the_table(tmp_path, monkeypatch):
     nothing, some = visibility.Errors.of(np.array([])), visibility.Errors.of(np.array([2.0, -4.0]) * UNIT)
     comparisons = [
-        Comparison(name, 4, 12345, 10, 2, 2, 1, 0, 0.25, some, some, nothing, some, some)
-        for name in ("phong/a", "b")
+        Comparison(name, 4, 12345, 10, 2, 2, 1, 0, 0.25, some, some, nothing, some, some) for name in ("phong/a", "b")
     ]
     *lines, _, below = visibility.markdown(comparisons).splitlines()
     assert len({line.count("|") for line in lines}) == 1
