@@ -354,6 +354,9 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
     }
     if (mesh.cancelled_normals > 0)
         note(std::to_string(mesh.cancelled_normals) + " vertices whose face normals cancel use the face normals");
+    mesh.positions.shrink_to_fit();
+    mesh.normals.shrink_to_fit();
+    mesh.indices.shrink_to_fit();
     mesh.low = mesh.high = mesh.positions.empty() ? glm::vec3(0) : mesh.positions[0];
     for (const glm::vec3& p : mesh.positions) mesh.low = glm::min(mesh.low, p), mesh.high = glm::max(mesh.high, p);
     return mesh;

@@ -97,7 +97,7 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
         if (features.geometry_layers)
             draw.insert("geometry_program", program_index(geometry_programs, glsl_geometry_mains(can_cancel)));
         draw.insert("positions", add_buffer(meshes[i].positions));
-        draw.insert("normals", add_buffer(meshes[i].normals));
+        if (!features.depth_only) draw.insert("normals", add_buffer(meshes[i].normals));
         draw.insert("indices", add_buffer(meshes[i].indices));
         draw.insert("uniforms", uniforms);
         draws.push_back(draw);

@@ -54,7 +54,8 @@ PAUSE = 0.025  # seconds before each frame
 
 SUPERSAMPLES = [1, 2, 3, 4, 6, 8]
 SUPERSAMPLED_SIZE, REFERENCE_SUPERSAMPLE = 96, 64  # pixels; 64 x 64 = 4096 samples each
-EXPONENTS = [32.0, 1e4]
+# The whole sphere, whose outline decides the error, and a narrow highlight alone.
+SUPERSAMPLED = {"sphere": {"q": 32.0}, "highlight": {"q": 1e4, "close": True}}
 LOADS = 5
 
 Progress = Callable[[str, float, float], None]
@@ -116,12 +117,14 @@ _cook_torrance = {
 _views = {"teapot": ([0.37, 0.98, 2.65], [0.07, 0.48, 0]), "bunny": ([0.23, 0.79, 1.56], [0, 0.5, 0])}
 
 
-def scene_text(case: Case, size: int, q: float = 32.0) -> str:
+def scene_text(case: Case, size: int, q: float = 32.0, close: bool = False) -> str:
     eye, target = _views.get(case.mesh, ([0.4, 0.5, 2.7], [0, 0, 0]))
+    if close:
+        target = [0.33, 0.35, 0.88]  # where the first light's highlight stands on the unit sphere
     material = _cook_torrance if case.shading == "cook-torrance" else {**_phong, "q": q}
     scene = {
         "film": {"width": size, "height": size, "samples": case.samples, "background": [0, 0, 0]},
-        "camera": {"eye": eye, "target": target, "fov_y": 45, "near": 0.1, "far": 20},
+        "camera": {"eye": eye, "target": target, "fov_y": 10 if close else 45, "near": 0.1, "far": 20},
         "light": [{"kind": "point", **light} for light in _lights[: max(case.lights, 1)]],
         "material": {"body": material},
         "object": [{"mesh": str(mesh_file(case.mesh)), "material": "body"}],
@@ -236,9 +239,9 @@ class Bench:
         cache = {"MESA_SHADER_CACHE_DIR": str(self.folder / "shaders")}
         return {**os.environ, "SHADELAB_ROOT": str(ROOT), **threads, **level, **held, **cache}
 
-    def scene(self, case: Case, size: int | None = None, q: float = 32.0) -> Path:
+    def scene(self, case: Case, size: int | None = None, q: float = 32.0, close: bool = False) -> Path:
         file = self.folder / "scene.toml"
-        file.write_text(scene_text(case, size or self.size, q))
+        file.write_text(scene_text(case, size or self.size, q, close))
         return file
 
     def plugin(self, case: Case, double: bool) -> Path:
@@ -366,10 +369,10 @@ def measure_threads(bench: Bench, case: Case) -> dict[str, Any]:
     return {"name": f"threads/{case.name}", "frame_gain": frame, "arithmetic_gain": arithmetic, "share": share}
 
 
-def measure_supersampling(bench: Bench, q: float) -> dict[str, Any]:
+def measure_supersampling(bench: Bench, name: str) -> dict[str, Any]:
     """Error against run time: n x n samples a pixel, float and double, against 4096 in double."""
     case = Case("sphere-70k", "phong", 1, 1)
-    scene = bench.scene(case, size=SUPERSAMPLED_SIZE, q=q)
+    scene = bench.scene(case, size=SUPERSAMPLED_SIZE, **SUPERSAMPLED[name])
     reference = bench.reference(case, scene, REFERENCE_SUPERSAMPLE)
     points = []
     for real in ("float", "double"):
@@ -380,7 +383,8 @@ def measure_supersampling(bench: Bench, q: float) -> dict[str, Any]:
                 times = [ours.draw() for _ in range(bench.pairs)]
                 error = image_error(ours.image(bench.folder / "image.npy"), reference)
             points.append({"series": f"ours-{real}", "supersample": n, "samples": n * n, **error, "ms": spread(times)})
-    return {"name": f"supersampling/q{q:g}", "mesh": case.mesh, "q": q, "size": SUPERSAMPLED_SIZE, "points": points}
+    view = SUPERSAMPLED[name]
+    return {"name": f"supersampling/{name}", "mesh": case.mesh, **view, "size": SUPERSAMPLED_SIZE, "points": points}
 
 
 def measure_load(bench: Bench, mesh: str) -> dict[str, Any]:
@@ -439,7 +443,8 @@ def all_tasks() -> list[Task]:
     scaled = [Case("knot-70k", "phong", 1, 1), Case("sphere-70k", "cook-torrance", 4, 1)]
     threads = [Task(f"threads/{c.name}", {c.mesh}, partial(measure_threads, case=c)) for c in scaled]
     supersampling = [
-        Task(f"supersampling/q{q:g}", {"sphere-70k"}, partial(measure_supersampling, q=q)) for q in EXPONENTS
+        Task(f"supersampling/{name}", {"sphere-70k"}, partial(measure_supersampling, name=name))
+        for name in SUPERSAMPLED
     ]
     load = Task("load/knot-1m", {"knot-1m"}, partial(measure_load, mesh="knot-1m"))
     return [*cases, *threads, *supersampling, load, *omission_tasks()]
@@ -681,10 +686,19 @@ def errors_sentence(bench: dict[str, Any]) -> str:
 def machine_sentence(bench: dict[str, Any]) -> str:
     machine, settings = bench["machine"], bench["settings"]
     return (
-        f"{settings['threads']} threads of {machine['processors']} on {machine['cpu']}, {machine['system']}, {machine['compiler']};"
+        f"{settings['threads']} threads of {machine['processors']} on {machine['cpu']}, code for {level_name(settings['level'])};"
+        f" {machine['system']}, {machine['compiler']};"
         f" {'; '.join(machine['peer'])}; {machine['date']}. Ratios are medians over at least {settings['pairs']} pairs of"
-        " frames drawn in turn. `./shadelab bench --readme` measures anew and rewrites this."
+        f" frames drawn in turn. `./shadelab bench{level_option(settings['level'])} --readme` measures anew and rewrites this."
     )
+
+
+def level_name(level: str) -> str:
+    return f"x86-64-{level}" if level in LEVELS[1:] else level
+
+
+def level_option(level: str) -> str:
+    return f" --level {level}" if level in LEVELS else ""
 
 
 def replace_block(text: str, block: str) -> str:

@@ -124,7 +124,7 @@ def passes(header: dict[str, Any]) -> list[Pass]:
     targets = 4 if header["terms"] else 1  # total, ambient, diffuse, specular
     background = [(*header["background"], 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (targets - 1)
     shaded = Pass("program", background, header["samples"])
-    if not (header["terms"] and header["geometry"]):
+    if not header["geometry"]:
         return [shaded]
     return [shaded, Pass("geometry_program", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1)]
 
@@ -132,10 +132,9 @@ def passes(header: dict[str, Any]) -> list[Pass]:
 def film(header: dict[str, Any], images: list[list[np.ndarray]]) -> np.ndarray:
     """One image out of what each pass has drawn, with the channels in the C++ film's order."""
     factor = header["supersample"]
-    if not header["terms"]:
-        return box_filter(images[0][0][..., :3], factor)
-    coverage = images[0][0][..., 3:]
-    shaded = box_filter(np.concatenate([i[..., :3] for i in images[0]] + [coverage], axis=2), factor)
+    colours = [image[..., :3] for image in images[0]]
+    coverage = [images[0][0][..., 3:]] if header["terms"] else []
+    shaded = box_filter(np.concatenate(colours + coverage, axis=2), factor)
     if not header["geometry"]:
         return shaded
     ids_normals, depths_positions = images[1]
@@ -181,7 +180,7 @@ class Objects:
         ]
         vertices = {
             "shadelab_position": context.buffer(packet.bytes(draw["positions"], 12)),
-            "shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12)),
+            **({"shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12))} if "normals" in draw else {}),
         }
         indices = context.buffer(packet.bytes(draw["indices"], 4))
         attributes = [(buffer, "3f", name) for name, buffer in vertices.items() if name in program]

@@ -14,7 +14,7 @@ namespace shadelab {
 /// buffers (little-endian float32 and uint32) at the offsets that the header gives, counted from the first byte behind it.
 ///
 /// The header: width and height (already multiplied by supersample), supersample, samples, background, terms, geometry and depth (bool: which layers; depth: that of each pixel's first sample, and nothing else), prelude, programs[] and geometry_programs[] (vertex, fragment:
-/// main texts; student_in_vertex), draws[] (program, geometry_program, positions, normals, indices: {offset, count}; uniforms: name
+/// main texts; student_in_vertex), draws[] (program, geometry_program, positions, normals (not with depth), indices: {offset, count}; uniforms: name
 /// -> numbers, matrices by column), lines: the first line numbers of prelude and mains.
 void write_packet(const Scene& scene, const Manifest& manifest, const Features& features,
                   const std::vector<Mesh>& meshes, int supersample, const std::filesystem::path& include_folder,
