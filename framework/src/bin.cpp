@@ -107,6 +107,10 @@ int64_t bin_triangles(const DrawnObject<Real>& object, uint32_t begin, uint32_t 
 template <class Real>
 void bin_scene(const std::vector<DrawnObject<Real>>& objects, const TileGrid& grid, int spread, Buffers& buffers,
                DrawStatistics& statistics) {
+    if (objects.empty()) {
+        buffers.stretches.clear();
+        return;
+    }
     const DrawnObject<Real>& last = objects.back();
     const uint32_t triangles = last.first_triangle + uint32_t(last.mesh->triangle_count());
     buffers.screen.resize(last.first_vertex + last.mesh->positions.size());

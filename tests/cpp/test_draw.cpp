@@ -508,6 +508,21 @@ TEST_CASE("lights add up one by one, in double as in float") {
     }
 }
 
+TEST_CASE("a scene without objects shows its background") {
+    Scene scene = scene_with("normal", 70, 50, 0);
+    scene.film.background = {0.25, 0.5, 1};
+    for (const int samples : {1, 4}) {
+        scene.film.samples = samples;
+        const Drawn drawn = draw_scene<float>(scene, {});
+        CHECK(drawn.statistics.triangles == 0);
+        for (int i = 0; i < 70 * 50; ++i) {
+            const float* p = drawn.film.find("total")->pixel(size_t(i));
+            REQUIRE((p[0] == 0.25f && p[1] == 0.5f && p[2] == 1));
+            REQUIRE((drawn.film.find("depth")->data[size_t(i)] == 1 && drawn.film.find("id")->data[size_t(i)] == 0));
+        }
+    }
+}
+
 TEST_CASE("a light of intensity zero is left out, and the image stays the same to the last bit") {
     Scene scene = scene_with("bumpy", 80, 60);
     Light dark = scene.lights[0];
