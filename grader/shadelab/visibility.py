@@ -415,7 +415,7 @@ MADE = {
     "inside-knot": scene_of("knot", [0.4, 0.5, 0.55], [0, 0, 0], 0.1, 100, scale=1.3),
     "ground": scene_of("plane", [0.3, 0.4, 0.5], [0.5, 0.1, -3], 0.1, 100, scale=50),
     "guard-band": scene_of("plane", [0.2, 1, 0.1], [0.3, 0, 0.15], 0.01, 5000, scale=1000),
-    "giant-sphere": scene_of("sphere-1k", [0, 0.2, 100.5], [3, 0, 99.7], 0.05, 400, scale=100),
+    "giant-sphere": scene_of("sphere", [0, 0.2, 100.5], [3, 0, 99.7], 0.05, 400, scale=100),
     "odd-film": scene_of("teapot", [0.4, 1.1, 2.2], [0, 0.5, 0], 0.1, 100, width=333, height=517, scale=1.2),
 }
 

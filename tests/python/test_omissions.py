@@ -61,7 +61,7 @@ def test_cpp_gives_the_same_bits_with_and_without(name, samples, tmp_path):
 def mistakes():
     for name, assignment in ASSIGNMENTS.items():
         changes = load_changes(assignment).mistake
-        quick = {changes[k].id for k in (0, len(changes) // 2)}
+        quick = {changes[len(changes) // 2].id}
         for change in changes:
             marks = [] if change.id in quick else [pytest.mark.slow]
             yield pytest.param(name, change, id=change.id, marks=marks)
@@ -71,11 +71,11 @@ def mistakes():
 def test_a_mistake_shows_the_same_with_and_without(name, mistake, tmp_path):
     assignment = ASSIGNMENTS[name]
     write_submission(assignment, mistake, tmp_path / "submission")
-    scenes = [scene.file for scene in assignment.scenes if not missing_meshes(scene)][:6]
+    scenes = [scene.file for scene in assignment.scenes if not missing_meshes(scene)][:4]
     assert differing_scenes(assignment, tmp_path / "submission", scenes, tmp_path) == []
 
 
-@pytest.mark.parametrize("scene", ["phong/teapot", "phong/interpolation", "microfacet/metals", "lights/spots"])
+@pytest.mark.parametrize("scene", ["phong/interpolation", "microfacet/metals", "lights/spots"])
 def test_glsl_agrees_with_and_without(scene, shadelab, tmp_path):
     file = ROOT / "scenes" / f"{scene}.toml"
     images = []
