@@ -233,6 +233,8 @@ def render(
             plain = [o for o in options if o != "--explain"]
             _run_renderer(["packet", str(scene), *plain, "-o", str(packet_file)])
         if packet and output is None:
+            if explain:
+                _print_needs(_needs(scene, options))
             print(shown(packet))
             return
         if backend == "cpp":
@@ -289,17 +291,23 @@ def _explain_glsl(gl, scene: Path, options: list[str], work: Path) -> None:
     for name, (_, drawn) in zip(names, gl.run([tasks[name] for name in names])):
         times[name].append(drawn.seconds)
     best = {name: 1000 * min(t[1:]) for name, t in times.items()}  # the first of each compiles
+    saved = {}
+    for name in kept:
+        gain = max(0.0, best[name] - best[""])
+        saved[name] = f"; saves {gain:.2f} of {best[''] + gain:.2f} ms, upload and read-back included"
+    _print_needs(needs, saved)
+    compiling = 1000 * times[""][0] - best[""]
+    print(f"compiling the shaders takes {max(0.0, compiling):.0f} ms before the first frame")
+
+
+def _print_needs(needs: dict, saved: dict[str, str] | None = None) -> None:
+    """Both lists; `saved`: what was measured for an omission, by its name."""
     print("needed")
     for line in needs["needed"]:
         print(f"  + {line}")
     print("left out")
     for name, line in zip(needs["names"], needs["left_out"]):
-        if name in kept:
-            gain = max(0.0, best[name] - best[""])
-            line += f"; saves {gain:.2f} of {best[''] + gain:.2f} ms, upload and read-back included"
-        print(f"  - {line}")
-    compiling = 1000 * times[""][0] - best[""]
-    print(f"compiling the shaders takes {max(0.0, compiling):.0f} ms before the first frame")
+        print(f"  - {line}{(saved or {}).get(name, '')}")
 
 
 def _run_renderer(arguments: list[str]) -> None:
@@ -519,8 +527,6 @@ def bench(
     resume: Annotated[bool, typer.Option("--resume", help="go on with a run that was interrupted")] = False,
 ) -> None:
     """Time our rasterizer and llvmpipe in turn, with the error of each against the double build beside the times."""
-    import json
-
     from shadelab.bench import print_report, write_readme
     from shadelab.bench import run as run_bench
 

@@ -95,4 +95,14 @@ inline VisibilityTile empty_tile(int samples) {
     return tile;
 }
 
+/// A mesh by hand, with one normal for all vertices.
+inline Mesh mesh_of(const std::vector<glm::dvec3>& positions, const std::vector<uint32_t>& indices,
+                    glm::vec3 normal = {0, 0, 1}) {
+    Mesh mesh;
+    for (glm::dvec3 p : positions) mesh.positions.push_back(glm::vec3(p));
+    mesh.normals.assign(positions.size(), normal);
+    mesh.indices = indices;
+    return mesh;
+}
+
 }  // namespace shadelab::testing

@@ -43,15 +43,6 @@ Scene scene_with(int width, int height, int objects = 1) {
     return scene;
 }
 
-Mesh mesh_of(const std::vector<glm::dvec3>& positions, const std::vector<uint32_t>& indices,
-             glm::vec3 normal = {0, 0, 1}) {
-    Mesh mesh;
-    for (glm::dvec3 p : positions) mesh.positions.push_back(glm::vec3(p));
-    mesh.normals.assign(positions.size(), normal);
-    mesh.indices = indices;
-    return mesh;
-}
-
 struct Drawn {
     Film film;
     DrawStatistics statistics;
