@@ -32,6 +32,14 @@ class Mistake(BaseModel):
     margin: float
 
 
+class Point(BaseModel):
+    """One render in the plot of error against run time."""
+
+    series: str  # "yours", "solution, C++", ...
+    rmse: float  # of the linear total, against the double reference
+    seconds: float  # of one frame, without loading and compiling
+
+
 class Check(BaseModel):
     id: str
     kind: Literal["build", "function", "image", "parity", "stability", "runtime", "custom"]
@@ -46,6 +54,8 @@ class Check(BaseModel):
     mistake: Mistake | None = None
     needs: list[str] = []
     worst: Worst | None = None
+    hidden: bool = False  # students see neither the scene nor its picture; reports for them leave the details out
+    runs: list[Point] = []  # of an image: this submission's and the solution's; reported, never graded
 
 
 class Result(BaseModel):
