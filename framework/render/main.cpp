@@ -27,8 +27,8 @@ using namespace shadelab;
 namespace {
 
 struct Options {
-    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, full_plugin, output, size, statistics,
-                function, input, keep;
+    std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, full_plugin, output, size, shift,
+                statistics, function, input, keep, follow;
     int samples = 0, supersample = 1, threads = 0;
     double exposure = 0;
     bool layers = false, terms = false, depth = false, visibility = false, double_depth = false, full = false,
@@ -57,6 +57,13 @@ LoadedScene load(const Options& options, bool with_meshes = true) {
             film.height < 1 || film.width > 16384 || film.height > 16384)
             throw InputError("--size: give WIDTHxHEIGHT in pixels, for example 512x512 (at most 16384), not \"" +
                              options.size + "\"");
+    }
+    if (!options.shift.empty()) {
+        glm::dvec2 pixels;
+        char rest;
+        if (std::sscanf(options.shift.c_str(), "%lf,%lf%c", &pixels.x, &pixels.y, &rest) != 2)
+            throw InputError("--shift: give X,Y in pixels, for example 0.0625,0, not \"" + options.shift + "\"");
+        loaded.scene.camera.shift = 2.0 * pixels / glm::dvec2(film.width, film.height);
     }
     if (options.samples) film.samples = options.samples;
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
@@ -374,8 +381,79 @@ Film read_npy(const std::string& file) {
     return film;
 }
 
+std::vector<char> read_bytes(const std::string& file) {
+    std::ifstream in(file, std::ios::binary);
+    if (!in) throw InputError(file + ": cannot be read");
+    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+/// Answers the calls of a plugin that is followed (plugin.hpp) from recorded outputs, and collects what is not recorded.
+/// Arguments count as equal when they are the same float32 numbers: that is how they were recorded.
+template <class Real>
+struct Followed {
+    struct Record {
+        std::map<std::vector<float>, std::vector<Real>> known;
+        std::map<std::vector<float>, int64_t> missing;  ///< arguments, and the order in which they came
+    };
+    static inline std::map<int, Record> records;  ///< by the function's index in the plugin's table
+    static inline const plugin::Table<Real>* table;
+
+    static bool answer(int index, const Real* in, Real* out) {
+        const auto record = records.find(index);
+        if (record == records.end()) return false;
+        std::vector<float> key(in, in + table->functions[index].columns_in);
+        for (float& value : key) value += 0.0f;  // -0 and 0 are the same argument
+        const auto found = record->second.known.find(key);
+        if (found == record->second.known.end()) {
+            record->second.missing.try_emplace(std::move(key), int64_t(record->second.missing.size()));
+            return false;
+        }
+        std::copy(found->second.begin(), found->second.end(), out);
+        return true;
+    }
+};
+
+/// FOLDER/FUNCTION.known for each function that is to be followed: rows of Real, arguments and then results; may be empty.
+template <class Real>
+void start_following(const std::string& folder, const PluginLibrary& library) {
+    using F = Followed<Real>;
+    F::table = &library.table<Real>();
+    for (int k = 0; k < F::table->function_count; ++k) {
+        const plugin::Function<Real>& function = F::table->functions[k];
+        const std::string file = folder + "/" + function.name + ".known";
+        if (!std::filesystem::exists(file)) continue;
+        auto& record = F::records[k];
+        const std::vector<char> bytes = read_bytes(file);
+        const size_t width = size_t(function.columns_in + function.columns_out);
+        const Real* row = reinterpret_cast<const Real*>(bytes.data());
+        for (size_t left = bytes.size() / (width * sizeof(Real)); left > 0; --left, row += width) {
+            std::vector<float> key(row, row + function.columns_in);
+            for (float& value : key) value += 0.0f;
+            record.known.try_emplace(std::move(key), row + function.columns_in, row + width);
+        }
+    }
+    library.follow<Real>(F::answer);
+}
+
+/// FOLDER/FUNCTION.missing: the float32 arguments of the calls that no record answered, each once, in the order of the calls.
+template <class Real>
+void write_missing(const std::string& folder) {
+    for (const auto& [index, record] : Followed<Real>::records) {
+        const plugin::Function<Real>& function = Followed<Real>::table->functions[index];
+        std::vector<float> rows(record.missing.size() * size_t(function.columns_in));
+        for (const auto& [arguments, place] : record.missing)
+            std::copy(arguments.begin(), arguments.end(), rows.begin() + place * function.columns_in);
+        const std::string file = folder + "/" + function.name + ".missing";
+        std::ofstream out(file, std::ios::binary);
+        out.write(reinterpret_cast<const char*>(rows.data()), std::streamsize(rows.size() * sizeof(float)));
+        out.close();
+        if (!out) throw InfrastructureError(file + ": cannot be written");
+    }
+}
+
 template <class Real>
 void evaluate(const Options& options, const PluginLibrary& library) {
+    if (!options.follow.empty()) start_following<Real>(options.follow, library);
     const plugin::Table<Real>& table = library.table<Real>();
     const plugin::Function<Real>* function = nullptr;
     for (int k = 0; k < table.function_count; ++k)
@@ -392,6 +470,7 @@ void evaluate(const Options& options, const PluginLibrary& library) {
     in.seekg(0);
     in.read(reinterpret_cast<char*>(rows.data()), std::streamsize(bytes));
     function->evaluate(count, rows.data(), results.data());
+    if (!options.follow.empty()) write_missing<Real>(options.follow);
     std::ofstream out(options.output, std::ios::binary);
     out.write(reinterpret_cast<const char*>(results.data()), std::streamsize(results.size() * sizeof(Real)));
     out.close();
@@ -414,6 +493,7 @@ int main(int argc, char** argv) {
             ->add_option("--assignment", options.assignment, "folder of the assignment.toml that declares the models")
             ->required();
         command->add_option("--size", options.size, "WIDTHxHEIGHT instead of the film's");
+        command->add_option("--shift", options.shift, "X,Y: the picture moves so many pixels right and up");
         command->add_option("--samples", options.samples, "coverage samples per pixel instead of the film's")
             ->check(CLI::IsMember({1, 2, 4, 8, 16, 64}));
         command->add_option("--supersample", options.supersample, "draw N times larger and average N x N pixels")
@@ -464,6 +544,9 @@ int main(int argc, char** argv) {
     evaluation->add_option("input", options.input, "rows: float32 (float64 for a double plugin), columns as declared")
         ->required();
     evaluation->add_option("output", options.output, "result rows, the same type")->required();
+    evaluation->add_option("--follow", options.follow,
+                           "folder of FUNCTION.known: recorded outputs that stand in for those functions when the "
+                           "evaluated one calls them; FUNCTION.missing is written there");
     try {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {

@@ -111,15 +111,17 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
     out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, "
            "so that the\n"
            "// compiler inlines the functions into the loops and vectorises them.\n"
-           "#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n\n"
+           "#include \"prelude.hpp\"\n\n"
            "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n"
-           "// -DSHADELAB_ONLY -DSHADELAB_LOOP_<model>_<kind> ...: those loops and nothing else, for one scene.\n\n";
+           "// -DSHADELAB_ONLY -DSHADELAB_LOOP_<model>_<kind> ...: of the loops those and no others.\n"
+           "// -DSHADELAB_NO_FUNCTIONS: no function can be evaluated alone.\n"
+           "// -DSHADELAB_FOLLOW: calls among the functions are asked about first (plugin.hpp).\n\n";
     for (const Manifest& earlier : manifest.given)
         // In a namespace of its own: its helpers never clash with the student's.
         out << "namespace given {\n#include \""
             << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
             << "\"\n}\nusing namespace given;\n";
-    out << "#include \"" << student_file << "\"\n\n";
+    out << "#ifdef SHADELAB_FOLLOW\n#include \"follow.hpp\"\n#endif\n#include \"" << student_file << "\"\n\n";
 
     // The arrays are restrict parameters and not members: otherwise the compiler must assume that they overlap.
     const char* inputs =
@@ -187,7 +189,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         }
     }
 
-    out << "#ifndef SHADELAB_ONLY\n";
+    out << "#ifndef SHADELAB_NO_FUNCTIONS\n";
     // noexcept, as the batches: a student's exception ends the process instead of passing for an error of the renderer.
     for (const Function& function : manifest.functions) {
         const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
@@ -212,7 +214,7 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         out << "}},\n";
     }
     if (models.empty()) out << "    {nullptr, {nullptr, nullptr, nullptr}},\n";
-    out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n#ifndef SHADELAB_ONLY\n";
+    out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n#ifndef SHADELAB_NO_FUNCTIONS\n";
     for (const Function& function : manifest.functions)
         out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", "
             << manifest.columns(function.returns) << ", evaluate_" << function.name << "},\n";
@@ -220,8 +222,35 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
            "shadelab::plugin::Table<Real> "
            "shadelab_plugin = {\n"
         << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ",\n"
-        << "#ifdef SHADELAB_ONLY\n    0,\n#else\n    " << manifest.functions.size()
+        << "#ifdef SHADELAB_NO_FUNCTIONS\n    0,\n#else\n    " << manifest.functions.size()
         << ",\n#endif\n    model_table, function_table};\n";
+    return out.str();
+}
+
+std::string cpp_follow_header(const Manifest& manifest) {
+    std::ostringstream out;
+    out << "#pragma once\n// Generated from assignment.toml: f_followed() stands in for f() where the functions call "
+           "each "
+           "other.\n\n"
+           "extern \"C\" __attribute__((visibility(\"default\"))) shadelab::plugin::Answer<Real> shadelab_follow = "
+           "nullptr;\n\n";
+    for (size_t index = 0; index < manifest.functions.size(); ++index) {
+        const Function& function = manifest.functions[index];
+        std::vector<std::string> parameters, names, inputs;
+        for (const Value& argument : function.arguments) {
+            parameters.push_back(argument.type + " " + argument.name);
+            names.push_back(argument.name);
+            flatten(manifest, argument.type, argument.name, inputs);
+        }
+        for (std::string& input : inputs) input = "Real(" + input + ")";
+        int k = 0;
+        out << prototype(function) << "[[maybe_unused]] static " << function.returns << " " << function.name
+            << "_followed(" << join(parameters, ", ") << ") {\n    const Real in[] = {" << join(inputs, ", ")
+            << "};\n    Real out[" << manifest.columns(function.returns)
+            << "];\n    if (shadelab_follow && shadelab_follow(" << index << ", in, out)) return "
+            << rebuild(manifest, function.returns, k, true, [](int i) { return "out[" + std::to_string(i) + "]"; })
+            << ";\n    return " << function.name << "(" << join(names, ", ") << ");\n}\n";
+    }
     return out.str();
 }
 
@@ -386,7 +415,10 @@ void write_glue(const Manifest& manifest, const std::filesystem::path& include_f
         if (!stream) throw InfrastructureError((out / file).string() + ": cannot be written; is the disk full?");
     };
     write("shadelab/assignment.hpp", cpp_assignment_header(manifest));
+    // One header, so that whoever compiles many plugins can precompile it.
+    write("prelude.hpp", "#pragma once\n#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n");
     write("glue.cpp", cpp_glue(manifest, "shading.cpp"));
+    write("follow.hpp", cpp_follow_header(manifest));
     write("prelude.glsl", glsl_prelude(manifest, read_text(include_folder / "shadelab" / "shading.glsl")));
     for (const Function& function : manifest.functions)
         write("evaluate/" + function.name + ".glsl", glsl_evaluate_main(manifest, function));

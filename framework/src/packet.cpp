@@ -102,6 +102,19 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
         draw.insert("uniforms", uniforms);
         draws.push_back(draw);
     }
+    // What the scene says, for whoever has the packet and not the scene file.
+    toml::array lights, objects;
+    for (const Light& light : scene.lights) {
+        const std::vector<double> columns = light.flatten();
+        lights.push_back(numbers(columns.data(), columns.size()));
+    }
+    for (const Object& object : scene.objects) {
+        const Material& material = scene.materials[object.material];
+        objects.push_back(toml::table{{"model", material.model},
+                                      {"material", numbers(material.parameters.data(), material.parameters.size())}});
+    }
+    const toml::table facts{
+        {"eye", numbers(scene.camera.eye)}, {"fov_y", scene.camera.fov_y}, {"lights", lights}, {"objects", objects}};
     const toml::table header{{"width", width},
                              {"height", height},
                              {"supersample", supersample},
@@ -110,6 +123,7 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
                              {"terms", features.term_layers},
                              {"geometry", features.geometry_layers},
                              {"depth", features.depth_only},
+                             {"scene", facts},
                              {"prelude", glsl_prelude(manifest, shading.str())},
                              {"programs", programs},
                              {"geometry_programs", geometry_programs},

@@ -28,6 +28,15 @@ const plugin::Table<Real>& PluginLibrary::table() const {
     return *static_cast<const plugin::Table<Real>*>(table_);
 }
 
+template <class Real>
+void PluginLibrary::follow(plugin::Answer<Real> answer) const {
+    auto* place = static_cast<plugin::Answer<Real>*>(dlsym(handle_, plugin::follow_symbol));
+    if (!place) throw InfrastructureError("the plugin was not compiled with -DSHADELAB_FOLLOW");
+    *place = answer;
+}
+
+template void PluginLibrary::follow(plugin::Answer<float>) const;
+template void PluginLibrary::follow(plugin::Answer<double>) const;
 template const plugin::Table<float>& PluginLibrary::table() const;
 template const plugin::Table<double>& PluginLibrary::table() const;
 

@@ -147,7 +147,8 @@ void move_near(Scene& scene) {
 }  // namespace
 
 glm::dmat4 Camera::world_to_clip(double aspect) const {
-    return glm::perspective(fov_y, aspect, near, far) * glm::lookAt(eye, target, up);
+    const glm::dmat4 moved = glm::translate(glm::dmat4(1), glm::dvec3(shift, 0));
+    return moved * glm::perspective(fov_y, aspect, near, far) * glm::lookAt(eye, target, up);
 }
 
 std::vector<double> Light::flatten() const {

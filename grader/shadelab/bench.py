@@ -28,7 +28,7 @@ import tomli_w
 from rich.console import Console
 from rich.table import Table
 
-from shadelab.build import BuildError, build_plugin
+from shadelab.build import BuildError, Recipe, build_plugin
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.expected import scene_meshes
 from shadelab.manifest import assignment_names, load_assignment
@@ -248,7 +248,9 @@ class Bench:
         assignment = load_assignment(SOLUTION / case.assignment)
         source = SOLUTION / case.assignment / "shading.cpp"
         try:
-            return build_plugin(assignment, source, Sandbox(self.folder / "build"), double, terms=case.full).file
+            return build_plugin(
+                assignment, source, Sandbox(self.folder / "build"), Recipe(double, terms=case.full)
+            ).file
         except BuildError as error:
             raise InfrastructureError(f"solution/{case.assignment}: {error.message}") from None
 
@@ -407,7 +409,8 @@ def measure_omissions(bench: Bench, assignment: str, scene: Path) -> dict[str, A
     with ExitStack() as stack:
         for name, options, only in (("lean", [], loops), ("full", ["--full"], None)):
             start = time.perf_counter()
-            plugin = build_plugin(declared, source, Sandbox(bench.folder / "build"), False, only is None, only)
+            recipe = Recipe() if only is None else Recipe(functions=False, loops=tuple(only), terms=False)
+            plugin = build_plugin(declared, source, Sandbox(bench.folder / "build"), recipe)
             compiled = 1000 * (time.perf_counter() - start)
             command = [str(RENDER), "frames", str(scene), "--assignment", str(declared.directory), *options]
             command += ["--threads", str(bench.threads), "--plugin", str(plugin.file)]

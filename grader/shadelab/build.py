@@ -4,6 +4,7 @@ import hashlib
 import os
 import re
 import shutil
+import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,13 +17,40 @@ from shadelab.sandbox import Limits, Sandbox, work_folder
 COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
 MAX_LINES = 5  # of one error
 PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hpp); below it are the student's
-PLUGINS_KEPT, GLUE_KEPT = 256, 16
+PLUGINS_KEPT, GLUE_KEPT = 1024, 8
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
 _common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
            "-fvisibility=hidden", "-Wl,-z,defs", "-fmax-errors=3", "-fno-diagnostics-show-option", "-fno-diagnostics-show-labels"]  # fmt: skip
 _float = ["-O3", "-fsingle-precision-constant"]
 _double = ["-O2", "-DSHADELAB_REAL=double"]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What of a student's file is compiled, and how."""
+
+    double: bool = False
+    functions: bool = True  # whether each function can be evaluated alone
+    # The shading loops (MODEL_KIND, as `shadelab-render needs` prints them). None: all. They are what takes long to compile.
+    loops: tuple[str, ...] | None = None
+    terms: bool = True  # whether the loops give the single terms beside the total
+    follow: bool = (
+        False  # calls among the functions can be answered from a record (follow-through); for our own code only
+    )
+    contract: bool = False  # fused multiply-add: only to measure how far correct code strays
+
+    def flags(self) -> list[str]:
+        out = [*_common, f"-DSHADELAB_TERMS={int(self.terms)}"]
+        if self.loops is not None:
+            out += ["-DSHADELAB_ONLY", *(f"-DSHADELAB_LOOP_{loop}" for loop in sorted(self.loops))]
+        out += [] if self.functions else ["-DSHADELAB_NO_FUNCTIONS"]
+        out += ["-DSHADELAB_FOLLOW"] if self.follow else []
+        out += _double if self.double else [*_float, *_architecture()]
+        return out + (["-ffp-contract=fast"] if self.contract else [])
+
+
+FUNCTIONS = Recipe(loops=())
 
 
 @dataclass
@@ -113,32 +141,17 @@ def _by_age(folder: Path) -> list[Path]:
     return sorted(folder.iterdir(), key=age)
 
 
-def plugin_flags(double: bool, terms: bool, loops: list[str] | None = None) -> list[str]:
-    only = [] if loops is None else ["-DSHADELAB_ONLY", *(f"-DSHADELAB_LOOP_{loop}" for loop in loops)]
-    return [*_common, f"-DSHADELAB_TERMS={int(terms)}", *only, *(_double if double else [*_float, *_architecture()])]
-
-
-def build_plugin(
-    assignment: Assignment,
-    source: Path,
-    sandbox: Sandbox,
-    double: bool = False,
-    terms: bool = True,
-    loops: list[str] | None = None,
-) -> Plugin:
-    """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once.
-
-    terms: whether the plugin's loops give the single terms beside the total, which costs time and is left out where nobody asks.
-    loops: for one scene, the loops that it needs (MODEL_KIND, as `shadelab-render needs` prints them) and nothing else.
-    """
+def build_plugin(assignment: Assignment, source: Path, sandbox: Sandbox, recipe: Recipe = Recipe()) -> Plugin:  # noqa: B008
+    """Compiles `source` (a shading.cpp). Raises BuildError with the student's lines. Equal sources are compiled once."""
     glue = glue_folder(assignment.directory)
-    flags = plugin_flags(double, terms, loops)
+    flags = recipe.flags()
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached = STATE / "plugins" / f"{digest}.so"
     if cached.exists():
         os.utime(cached)
-        return Plugin(cached, double)
-    work = sandbox.folder / ("build-double" if double else "build")
+        return Plugin(cached, recipe.double)
+    _precompile(glue, recipe)
+    work = sandbox.folder / f"build-{digest}"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     shutil.copy(source, work / "shading.cpp")
@@ -155,7 +168,32 @@ def build_plugin(
     os.replace(temporary, cached)
     for old in _by_age(cached.parent)[:-PLUGINS_KEPT]:
         old.unlink(missing_ok=True)
-    return Plugin(cached, double)
+    shutil.rmtree(work)
+    return Plugin(cached, recipe.double)
+
+
+def _precompile(glue: Path, recipe: Recipe) -> None:
+    """The headers, compiled once per glue and kind of arithmetic: they are half of what compiling a plugin takes. The compiler looks
+    into prelude.hpp.gch/ for one that fits, and does without where there is none."""
+    flags = [f for f in Recipe(double=recipe.double).flags() if f != "-shared" and not f.startswith("-Wl,")]
+    folder = glue / "prelude.hpp.gch"
+    file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]
+    if file.exists() or recipe.contract:
+        return
+    folder.mkdir(exist_ok=True)
+    with work_folder("precompile") as work:
+        command = [
+            "g++",
+            *flags,
+            f"-I{FRAMEWORK / 'include'}",
+            f"-I{glue}",
+            "-x",
+            "c++-header",
+            str(glue / "prelude.hpp"),
+        ]
+        if Sandbox(work).run([*command, "-o", str(work / "gch")], COMPILE_LIMITS).ok:
+            shutil.move(work / "gch", temporary := glue / f"gch-{os.getpid()}-{threading.get_ident()}")
+            os.replace(temporary, file)
 
 
 # ------------------------------------------------------------------------------------------------- C++ messages

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Optional
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -203,6 +204,7 @@ def render(
     ] = None,
 ) -> None:
     """Render one image with the solution's or a student's shading functions, in C++ or in GLSL."""
+    from shadelab.build import Recipe
     from shadelab.evidence import CppRunner, Draw, GlslRunner
     from shadelab.manifest import Scene
 
@@ -240,11 +242,12 @@ def render(
         if backend == "cpp":
             sandbox = Sandbox(work, SHOWN)
             needs = _needs(scene, [o for o in options if o != "--explain"])
-            runner = CppRunner(declared, sandbox, double, needs["terms"], None if full else needs["loops"])
+            loops = None if full else tuple(needs["loops"])
+            runner = CppRunner(declared, sandbox, Recipe(double, functions=full, loops=loops, terms=needs["terms"]))
             seconds = _student_build(runner, folder)
             numbers = ["--exposure", str(exposure), *(["--threads", str(threads)] if threads else [])]
             if explain and not full:
-                everything = CppRunner(declared, sandbox, double)
+                everything = CppRunner(declared, sandbox, Recipe(double))
                 full_seconds = _student_build(everything, folder)
                 numbers += ["--full-plugin", str(everything.plugin.file)]
             image = [
@@ -371,6 +374,7 @@ def evaluate(
     """
     import numpy as np
 
+    from shadelab.build import Recipe
     from shadelab.evidence import CppRunner, Evaluate, GlslRunner
     from shadelab.manifest import find_assignment, flat_rows, named_arrays
 
@@ -387,7 +391,8 @@ def evaluate(
     rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
     with work_folder("eval") as work:
         sandbox = Sandbox(work, SHOWN)
-        runner = CppRunner(declared, sandbox, double) if backend == "cpp" else GlslRunner(declared, sandbox)
+        recipe = Recipe(double, loops=())
+        runner = CppRunner(declared, sandbox, recipe) if backend == "cpp" else GlslRunner(declared, sandbox)
         _student_build(runner, directory)
         [(_, result)] = runner.run([Evaluate(wanted, rows)])
     if result.printed:
@@ -419,13 +424,20 @@ def _short(value) -> str:
 @app.command()
 def reference(name: Annotated[str, typer.Argument(metavar="NAME", help="an assignment, for example phong")]) -> None:
     """Make the expected data of an assignment from its solution's double build (grade does it when it is missing)."""
-    from shadelab import expected
+    from shadelab import reference as references
+    from shadelab.findings import function_limit
     from shadelab.manifest import find_assignment
 
     declared = find_assignment(SOLUTION / name, name)
     with progress_bar() as progress:
-        made = expected.load(declared, lambda what: progress(what, 0, 1))
+        made = references.load(declared, progress)
     print(shown(made.folder))
+    table = Table("function", "language", "floor", "limit", "set by", box=box.SIMPLE_HEAD, pad_edge=False)
+    for function, languages in made.facts.spread.items():
+        for backend, programs in languages.items():
+            floor, farthest = max((error, name) for name, error in programs.items())
+            table.add_row(function, backend, f"{floor:.2g}", f"{function_limit(floor, backend):.2g}", farthest)
+    Console(highlight=False).print(table)
 
 
 @app.command()

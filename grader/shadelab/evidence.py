@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shadelab.build import BuildError, Plugin, build_plugin, glue_folder, readable_shader_errors
+from shadelab.build import BuildError, Plugin, Recipe, build_plugin, glue_folder, readable_shader_errors
 from shadelab.errors import InfrastructureError
 from shadelab.manifest import Assignment, Function, Scene
 from shadelab.paths import RENDER, ROOT
@@ -32,6 +32,7 @@ class Evaluate:
 
     function: Function
     rows: np.ndarray
+    student: Path | None = None  # GLSL: another file than the runner's; for our own code
 
 
 @dataclass
@@ -41,6 +42,7 @@ class Draw:
     scene: Scene
     packet: Path | None = None
     layers: str = "terms"  # total | terms | all: what the C++ image holds (a packet says it for the OpenGL client)
+    shift: tuple[float, float] = (0.0, 0.0)  # pixels right and up, in C++
 
 
 Task = Evaluate | Draw
@@ -53,6 +55,7 @@ class Output:
     hung: bool = False
     printed: str = ""
     seconds: float = 0.0
+    frame: float | None = None  # seconds of drawing alone, without loading and compiling
     first_not_finite: str | None = None  # where, and with what inputs
 
 
@@ -63,22 +66,13 @@ def _printed(raw: bytes) -> str:
 class CppRunner:
     backend = "cpp"
 
-    def __init__(
-        self,
-        assignment: Assignment,
-        sandbox: Sandbox,
-        double: bool = False,
-        terms: bool = True,
-        loops: list[str] | None = None,
-    ) -> None:
-        """`terms`, `loops`: what the plugin holds (build_plugin)."""
-        self.assignment, self.sandbox, self.double, self.terms, self.loops = assignment, sandbox, double, terms, loops
+    def __init__(self, assignment: Assignment, sandbox: Sandbox, recipe: Recipe = Recipe()) -> None:  # noqa: B008
+        self.assignment, self.sandbox, self.recipe = assignment, sandbox, recipe
         self.plugin: Plugin | None = None
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        source = folder / "shading.cpp"
-        self.plugin = build_plugin(self.assignment, source, self.sandbox, self.double, self.terms, self.loops)
+        self.plugin = build_plugin(self.assignment, folder / "shading.cpp", self.sandbox, self.recipe)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:
@@ -91,11 +85,13 @@ class CppRunner:
             raise InfrastructureError(f"the disk is nearly full: {self.sandbox.folder}")
         return outcome
 
-    def evaluate(self, task: Evaluate) -> Output:
-        real = np.float64 if self.double else np.float32
+    def evaluate(self, task: Evaluate, follow: Path | None = None) -> Output:
+        """`follow`: the folder of records that stand in for functions (follow.py)."""
+        real = np.float64 if self.recipe.double else np.float32
         rows, results = self.sandbox.fresh("rows.bin"), self.sandbox.fresh("results.bin")
         task.rows.astype(real).tofile(rows)
         command = [str(RENDER), "evaluate", str(self.plugin.file), task.function.name, str(rows), str(results)]
+        command += ["--follow", str(follow)] if follow else []
         outcome = self._run(command, EVALUATE_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)
         shape = (len(task.rows), len(self.assignment.output_columns(task.function)))
@@ -113,6 +109,7 @@ class CppRunner:
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
             *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
+            *([f"--shift={task.shift[0]},{task.shift[1]}"] if any(task.shift) else []),
         ]  # fmt: skip
         outcome = self._run(command, DRAW_LIMITS)
         output = Output(printed=_printed(outcome.stdout), seconds=outcome.seconds, hung=outcome.timed_out)
@@ -121,7 +118,7 @@ class CppRunner:
             return output
         try:
             output.array = _load_image(image)
-            output.first_not_finite = _first_not_finite(statistics)
+            output.first_not_finite, output.frame = _read_statistics(statistics)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
@@ -142,16 +139,18 @@ def _load_image(file: Path) -> np.ndarray:
     return image
 
 
-def _first_not_finite(file: Path) -> str | None:
-    """The renderer's note of where a value that is not finite first stood, as a sentence."""
-    if not _regular(file):
+def _read_statistics(file: Path) -> tuple[str | None, float]:
+    """The renderer's note of where a value that is not finite first stood, as a sentence, and the frame's seconds."""
+    if not _regular(file) or file.stat().st_size > 1 << 16:
         raise ValueError("no statistics")
-    first = json.loads(file.read_text()).get("first_not_finite") if file.stat().st_size < 1 << 16 else None
+    statistics = json.loads(file.read_text())
+    seconds = sum(float(ms) for ms in statistics["milliseconds"].values()) / 1000
+    first = statistics.get("first_not_finite")
     if first is None:
-        return None
+        return None, seconds
     n, x, v = ("(" + ", ".join(f"{float(c):.6g}" for c in first[name]) + ")" for name in ("n", "position", "v"))
     place = f"pixel ({int(first['x'])}, {int(first['y'])}), material {str(first['material'])[:80]}"
-    return f"not finite first at {place}: n = {n}, x = {x}, v = {v}"
+    return f"not finite first at {place}: n = {n}, x = {x}, v = {v}", seconds
 
 
 class GlslRunner:
@@ -162,26 +161,35 @@ class GlslRunner:
         self.glue = glue_folder(assignment.directory)
         self.student: Path | None = None
         self.gl = "unknown"
+        self.runs = 0  # one may begin while another goes on; each has files of its own
+
+    def take(self, folder: Path) -> None:
+        """Without compiling it by itself: whoever runs a task sees whether it compiles."""
+        self.student = (folder / "shading.glsl").resolve()  # the client runs in the sandbox's folder
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
-        self.student = (folder / "shading.glsl").resolve()  # the client runs in the sandbox's folder
-        [(_, output)] = self._jobs([({"kind": "compile"}, None, DRAW_LIMITS)])
+        self.take(folder)
+        [(_, output)] = self._jobs([({"kind": "compile"}, None, DRAW_LIMITS)], self.sandbox.folder)
         if output.failure:
             raise BuildError(output.failure)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         jobs = []
+        self.runs += 1
+        folder = self.sandbox.folder / f"run-{self.runs}"
+        folder.mkdir()
         for index, task in enumerate(tasks):
-            target = self.sandbox.folder / f"gl-output-{index}"
+            target = folder / f"output-{index}"
             if isinstance(task, Evaluate):
-                rows = self.sandbox.folder / f"gl-rows-{index}.bin"
+                rows = folder / f"rows-{index}.bin"
                 task.rows.astype(np.float32).tofile(rows)
                 columns_out = len(self.assignment.output_columns(task.function))
                 main = self.glue / "evaluate" / f"{task.function.name}.glsl"
                 job = {
                     "kind": "evaluate", "main": str(main), "columns_in": task.rows.shape[1], "columns_out": columns_out,
                     "rows": str(rows), "output": str(target.with_suffix(".bin")),
+                    **({"student": str(task.student.resolve())} if task.student else {}),
                 }  # fmt: skip
                 jobs.append((job, (len(task.rows), columns_out), EVALUATE_LIMITS))
             else:
@@ -191,14 +199,14 @@ class GlslRunner:
                     "output": str(target.with_suffix(".npy")),
                 }
                 jobs.append((job, None, DRAW_LIMITS))
-        for index, output in self._jobs(jobs):
+        for index, output in self._jobs(jobs, folder):
             yield tasks[index], output
 
-    def _jobs(self, jobs: list[tuple[dict, tuple | None, Limits]]) -> Iterator[tuple[int, Output]]:
+    def _jobs(self, jobs: list[tuple[dict, tuple | None, Limits]], folder: Path) -> Iterator[tuple[int, Output]]:
         """Runs jobs in as few client processes as possible: one that dies or hangs is followed by another for the rest."""
         first = 0
         while first < len(jobs):
-            status, task_file = self.sandbox.folder / "status.jsonl", self.sandbox.folder / "jobs.json"
+            status, task_file = folder / "status.jsonl", folder / "jobs.json"
             for stale in [status, *(Path(job["output"]) for job, _, _ in jobs[first:] if "output" in job)]:
                 stale.unlink(missing_ok=True)
             task_file.write_text(json.dumps({
@@ -246,7 +254,7 @@ class GlslRunner:
             first += given
 
     def _output(self, job: tuple[dict, tuple | None, Limits], result: dict) -> Output:
-        output = Output(seconds=result["seconds"])
+        output = Output(seconds=result["seconds"], frame=result["frame"])
         if result["error"] and not result["students"]:
             raise InfrastructureError(result["error"])
         if result["error"]:

@@ -3,7 +3,7 @@
 Nothing here runs student code or loads a file that student code wrote; it only compares numbers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,52 +12,81 @@ from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, 
 from shadelab.manifest import Assignment, Column, Function, Scene, named_arrays
 from shadelab.result import Check, Error, Worst
 
-# Function checks: the largest error that passes. Correct naive code strays to 1.6e-4 in C++ and 2.2e-3 in GLSL (the rest is the
-# driver's pow and acos), so the limits leave a factor of 6 and 4.5.
-FUNCTION_LIMIT = {"cpp": 1e-3, "glsl": 1e-2}
+# Limits are derived. reference.py measures how far correct programs stray (the solution, the slides' formulas and all correct
+# variants, in C++ with and without fused multiply-add and in GLSL): the floor. A limit is this many floors. The same number of
+# times the conditioning of the inputs is allowed, since 8 random draws fall short of the worst rounding.
+FACTOR = 4
+# No floor is lower than this. C++: constants written with five digits (3.1416 for pi is 2.3e-6 off), squared and times two. GLSL:
+# what the driver's own functions are off; the farthest is llvmpipe's acos (a test measures it).
+LEAST_FLOOR = {"cpp": 1e-5, "glsl": 2.3e-4}
 # Values below this share of the table's scale are judged absolutely: a highlight's tail is not worth its relative error.
 SMALL = 1e-3
 
-# Where rounding of the inputs alone changes the truth (n.v near 0 in a model that divides by it), no formula is better than
-# that: so many times the change seen under random rounding is allowed. Eight samples fall short of the worst case.
-FLOOR_FACTOR = 4
+# Image checks. FULL_MARKS: the share of interior pixels that may be off, 3 of 10,000, or FACTOR times the share that a correct
+# program has by the limits that the others set.
+FULL_MARKS = 3e-4
+SMALL_PIXEL = 1e-2  # of the scene's scale: what is darker is judged absolutely
+EDGE_CAP = 0.25  # share of edge pixels that may be off; beyond it, and with any value that is not finite, at most half the marks
 
-# Image checks. A pixel violates when |delta| > RELATIVE |ref| + ABSOLUTE s, with s the 95th percentile of the reference.
-RELATIVE, ABSOLUTE = 1e-2, 2e-3
-FULL_MARKS = 1e-3  # share of interior pixels that may violate
-NO_MARKS = 1e-1
-EDGE_CAP = 0.25  # share of edge pixels that may violate; beyond it, and with any value that is not finite, at most half the marks
+# Partial credit: by the share of inputs or pixels that are wrong, falling with its logarithm from LITTLE to NO_MARKS. Something
+# that is wrong loses at least MISTAKE of the points.
+LITTLE, NO_MARKS = 1e-3, 1e-1
+MISTAKE = 0.25
 
 
-def interior_score(share: float) -> float:
-    """The share of the marks for a share of violating interior pixels: all up to 0.1 %, then falling with the logarithm,
-    a half at 1 %, none from 10 % on."""
-    if share <= FULL_MARKS:
-        return 1.0
-    return float(max(0.0, 1 - np.log(share / FULL_MARKS) / np.log(NO_MARKS / FULL_MARKS)))
+def credit(share: float) -> float:
+    """The share of the points for a share of wrong inputs or pixels: three quarters up to 0.1 %, half of that at 1 %, none from
+    10 % on."""
+    fallen = np.log(max(share, LITTLE) / LITTLE) / np.log(NO_MARKS / LITTLE)
+    return (1 - MISTAKE) * float(np.clip(1 - fallen, 0, 1))
 
 
 # ----------------------------------------------------------------------------------------------------- functions
 
 
-def scaled_error(
-    actual: np.ndarray, truth: np.ndarray, members: list[slice], floor: np.ndarray, limit: float
-) -> np.ndarray:
-    """e = |a - t| / (|t| + 1e-3 S) per number, S the 95th percentile of |t| over the table and the member. Where the floor is
-    not small, the denominator grows, so that e <= limit means |a - t| <= limit (|t| + 1e-3 S) + FLOOR_FACTOR floor. Not finite
-    where the truth is finite: infinity."""
-    error = np.empty(truth.shape)
+def function_members(assignment: Assignment, function: Function) -> list[slice]:
+    """The columns of each member of the result; each is judged by its own scale."""
+    columns = assignment.output_columns(function)
+    return [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
+
+
+def function_limit(floor: float, backend: str) -> float:
+    return FACTOR * max(floor, LEAST_FLOOR[backend])
+
+
+def scaled_error(actual: np.ndarray, table: Table, members: list[slice]) -> np.ndarray:
+    """e = max(0, |a - t| - FACTOR conditioning) / (|t| + 1e-3 S) per number, S the 95th percentile of |t| over the table and the
+    member. Not finite where the truth is finite: infinity."""
+    error = np.empty(table.truth.shape)
     for member in members:
-        t, a = truth[:, member], actual[:, member].astype(np.float64)
-        finite = np.isfinite(t)
-        scale = np.percentile(np.abs(t[finite]), 95) if finite.any() else 1.0
+        t, a = table.truth[:, member], actual[:, member].astype(np.float64)
         with np.errstate(all="ignore"):
-            allowed = np.abs(t) + SMALL * max(scale, 1e-30) + FLOOR_FACTOR / limit * floor[:, member]
-            e = np.abs(a - t) / allowed
+            e = np.maximum(0, np.abs(a - t) - FACTOR * table.conditioning[:, member]) / _scale(t)
         # A truth that is not finite asks for the same kind of value; anything else that is not finite fails.
+        finite = np.isfinite(t)
         same = ~finite & ((np.isnan(t) & np.isnan(a)) | (a == t))
         error[:, member] = np.where(same, 0.0, np.where(np.isfinite(a) & finite, e, np.inf))
     return error
+
+
+def _scale(t: np.ndarray) -> np.ndarray:
+    finite = np.isfinite(t)
+    scale = np.percentile(np.abs(t[finite]), 95) if finite.any() else 1.0
+    return np.abs(t) + SMALL * max(scale, 1e-30)
+
+
+def largest_error(actual: np.ndarray, table: Table, members: list[slice]) -> tuple[float, int]:
+    """And its row."""
+    error = scaled_error(actual, table, members).max(axis=1)
+    row = int(np.argmax(error))
+    return float(error[row]), row
+
+
+@dataclass
+class FunctionJudgement:
+    check: Check
+    table: Table  # by which it was judged: with follow-through, another truth
+    wrong: np.ndarray  # (N,) bool
 
 
 def judge_function(
@@ -66,35 +95,105 @@ def judge_function(
     backend: str,
     points: float,
     table: Table,
+    floor: float,
     actual: np.ndarray,
-) -> Check:
-    rows, truth = table.rows, table.truth
-    columns = assignment.output_columns(function)
-    members = [slice(k, k + c.width) for k, c in enumerate(columns) if c.index == 0]
-    limit = FUNCTION_LIMIT[backend]
-    error = scaled_error(actual, truth, members, table.floor, limit)
+    followed: np.ndarray | None = None,
+) -> FunctionJudgement:
+    """followed: the truth with what the student's own functions gave; where that is not finite, nothing is asked."""
+    rows, limit = table.rows, function_limit(floor, backend)
+    columns, members = assignment.output_columns(function), function_members(assignment, function)
+    if followed is not None:
+        table = replace(table, truth=followed)
+    error = scaled_error(actual, table, members)
+    if followed is not None:
+        error[~np.isfinite(followed).all(axis=1)] = 0.0
+    wrong = error.max(axis=1) > limit
     worst_row, worst_column = np.unravel_index(np.argmax(error), error.shape)
     largest = float(error[worst_row, worst_column])
-    passed = largest <= limit
+    passed = not wrong.any()
     check = Check(
         id=f"{backend}/function/{function.name}",
         kind="function",
         backend=backend,
         status="passed" if passed else "failed",
-        score=points if passed else 0.0,
+        score=points * (1.0 if passed else credit(float(wrong.mean()))),
         max_score=points,
-        error=Error(name="scaled", value=largest if np.isfinite(largest) else None, limit=limit),
+        error=Error(name="scaled", value=largest if np.isfinite(largest) else None, limit=limit, floor=floor),
         needs=[f"{backend}/build"],
     )
     if not passed:
-        check.message = _describe_function(assignment, function, rows, truth, actual, error, limit, members)
+        check.message = _describe_function(assignment, function, rows, table.truth, actual, error, limit, members)
         inputs = named_arrays(assignment.input_columns(function), rows[worst_row : worst_row + 1])
         check.worst = Worst(
-            inputs={name: _numbers(value[0]) for name, value in inputs.items()},
-            expected=_result(columns, truth[worst_row]),
+            inputs={name: _numbers(value[0]) for name, value in inputs.items()} | _half(inputs),
+            expected=_result(columns, table.truth[worst_row]),
             actual=_result(columns, actual[worst_row]),
         )
+    return FunctionJudgement(check, table, wrong)
+
+
+def judge_parity(
+    assignment: Assignment,
+    function: Function,
+    table: Table,
+    floor: float,
+    cpp: np.ndarray,
+    glsl: np.ndarray,
+    right: list[str],
+) -> Check:
+    """Whether the student's two languages compute the same. floor: of both together. `right`: the languages that pass."""
+    columns, members = assignment.output_columns(function), function_members(assignment, function)
+    limit = function_limit(floor, "glsl")
+    error = scaled_error(
+        glsl, replace(table, truth=cpp.astype(np.float64), conditioning=2 * table.conditioning), members
+    )
+    wrong = error.max(axis=1) > limit
+    check = Check(
+        id=f"glsl/parity/{function.name}", kind="parity", backend="glsl", status="failed" if wrong.any() else "passed",
+        score=0.0, max_score=0.0, needs=["cpp/build", "glsl/build"],
+        error=Error(name="scaled", value=_finite(error.max()), limit=limit, floor=floor),
+    )  # fmt: skip
+    if wrong.any():
+        row = int(np.argmax(error.max(axis=1)))
+        inputs = named_arrays(assignment.input_columns(function), table.rows[row : row + 1])
+        check.message = f"C++ and GLSL disagree for {_share(wrong.mean())} of the inputs; " + (
+            "C++ is right"
+            if right == ["cpp"]
+            else "GLSL is right"
+            if right == ["glsl"]
+            else "each is within its own limit"
+        )
+        check.worst = Worst(
+            inputs={name: _numbers(value[0]) for name, value in inputs.items()} | _half(inputs),
+            expected=_result(columns, cpp[row]),
+            actual=_result(columns, glsl[row]),
+        )
     return check
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def informative(followed: np.ndarray, truth: np.ndarray) -> bool:
+    """Whether follow-through still asks for something: a callee that always gives the same may leave nothing to be right about.
+    True when the result still differs from its most frequent value half as often as the truth does."""
+
+    def varied(values: np.ndarray) -> float:
+        counts = np.unique(np.nan_to_num(values.astype(np.float32)), axis=0, return_counts=True)[1]
+        return 1 - counts.max() / len(values)
+
+    finite = np.isfinite(followed).all(axis=1)
+    return bool(finite.mean() >= 0.5 and varied(followed[finite]) >= 0.5 * varied(truth))
+
+
+def _half(inputs: dict[str, np.ndarray]) -> dict[str, Any]:
+    """h, where the inputs have an l and a v: most formulas are about it."""
+    if "l" not in inputs or "v" not in inputs or "h" in inputs:
+        return {}
+    h = (inputs["l"][0].astype(np.float64) + inputs["v"][0]).astype(np.float64)
+    length = np.linalg.norm(h)
+    return {"h": _numbers(h / length)} if length > 0 else {}
 
 
 def _describe_function(
@@ -185,11 +284,30 @@ class ImageJudgement:
     limit: np.ndarray  # (H, W, 3): what each pixel of the total may be off
 
 
+def image_limit(truth: SceneTruth, floor: float) -> np.ndarray:
+    """FACTOR times what a shift of 1/16 pixel and the floor of the arithmetic make of each pixel; (H, W, 3) float32. One limit for
+    both languages: a picture is a picture."""
+    size = np.abs(truth.total) + np.float32(SMALL_PIXEL * truth.scale)
+    return np.float32(FACTOR) * (truth.noise[..., None] + np.float32(max(floor, LEAST_FLOOR["glsl"])) * size)
+
+
+def pixel_error(total: np.ndarray, truth: SceneTruth) -> np.ndarray:
+    """(H, W): what the floor of the arithmetic has to explain: the largest channel's error beyond the noise, relative."""
+    size = np.abs(truth.total) + np.float32(SMALL_PIXEL * truth.scale)
+    beyond = np.abs(total - truth.total) - truth.noise[..., None]
+    return np.nan_to_num((np.maximum(0, beyond) / size).max(axis=2), nan=np.inf)
+
+
+def violating_share(total: np.ndarray, reference: np.ndarray, limit: np.ndarray, judged: np.ndarray) -> float:
+    return float((_violations(total, reference, limit) & judged).sum() / judged.sum())
+
+
 def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray) -> ImageJudgement:
     """layers: (H, W, 13) float32, the CHANNELS up to coverage; the edges come from our own geometry layers."""
     actual = np.ascontiguousarray(layers[..., CHANNELS["total"]])
     foreground = truth.layers["id"][..., 0] > 0
-    limit = _limit(truth.total, truth.scale)
+    limit = image_limit(truth, max(truth.facts.spread.values(), default=0.0))
+    most = max(FULL_MARKS, FACTOR * truth.facts.share)
     check = Check(
         id=f"{backend}/image/{scene.name}",
         kind="image",
@@ -198,6 +316,7 @@ def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, la
         score=points,
         max_score=points,
         needs=[f"{backend}/build"],
+        hidden=scene.hidden,
     )
     interior, edge, background = truth.mask == INTERIOR, truth.mask == EDGE, truth.mask == BACKGROUND
     if not foreground.any() or interior.sum() < 0.5 * foreground.sum():
@@ -213,26 +332,21 @@ def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, la
     share = float((violates & (interior | background)).sum() / interior.sum())
     edge_share = float((violates & edge).sum() / max(edge.sum(), 1))
     finite = _every_channel(np.isfinite(actual))
-    not_finite = int((~finite).sum())
-    fraction = interior_score(share)
-    if not_finite or edge_share > EDGE_CAP:
+    fraction = 1.0 if share <= most else credit(share)
+    if not finite.all() or edge_share > EDGE_CAP:
         fraction = min(fraction, 0.5)
-    check.error = Error(name="interior violations", value=share, limit=FULL_MARKS)
+    check.error = Error(name="interior violations", value=share, limit=most, floor=truth.facts.share)
     check.score = points * fraction
     if fraction < 1:
         check.status = "failed"
-        check.message = _describe_image(truth, layers, finite, share, edge_share, interior)
+        check.message = _describe_image(truth, layers, limit, most, finite, share, edge_share, interior)
         lost_for = ~finite
-        if share > FULL_MARKS:
+        if share > most:
             lost_for |= violates & ~edge
         if edge_share > EDGE_CAP:
             lost_for |= violates & edge
         check.worst = _worst_pixel(truth, actual, limit, lost_for)
     return ImageJudgement(check, limit)
-
-
-def _limit(reference: np.ndarray, scale: float) -> np.ndarray:
-    return np.float32(RELATIVE) * np.abs(reference) + np.float32(ABSOLUTE * scale)
 
 
 def _every_channel(true: np.ndarray) -> np.ndarray:
@@ -246,21 +360,28 @@ def _violations(actual: np.ndarray, reference: np.ndarray, limit: np.ndarray) ->
 
 
 def _describe_image(
-    truth: SceneTruth, layers: np.ndarray, finite: np.ndarray, share: float, edge_share: float, interior: np.ndarray
+    truth: SceneTruth,
+    layers: np.ndarray,
+    limit: np.ndarray,
+    most: float,
+    finite: np.ndarray,
+    share: float,
+    edge_share: float,
+    interior: np.ndarray,
 ) -> str:
     parts = []
-    if share > FULL_MARKS:
-        parts.append(f"{_share(share)} of the interior pixels are off (at most {_share(FULL_MARKS)} may be)")
+    if share > most:
+        parts.append(f"{_share(share)} of the interior pixels are off (at most {_share(most)} may be)")
     if not finite.all():
         y, x = np.argwhere(~finite)[0]
         parts.append(f"{(~finite).sum()} pixels are not finite, the first at ({x}, {y})")
-    if edge_share > EDGE_CAP and share <= FULL_MARKS:
+    if edge_share > EDGE_CAP and share <= most:
         parts.append(f"{_share(edge_share)} of the edge pixels are off (at most {_share(EDGE_CAP)} may be)")
     wrong, right = [], []
     for term in ("ambient", "diffuse", "specular"):
         reference, actual = truth.layers[term], np.ascontiguousarray(layers[..., CHANNELS[term]])
-        off = _violations(actual, reference, _limit(reference, truth.scale)) & interior
-        (wrong if off.sum() > FULL_MARKS * interior.sum() else right).append(term)
+        off = _violations(actual, reference, limit) & interior
+        (wrong if off.sum() > most * interior.sum() else right).append(term)
     if wrong and right:
         parts.append(
             f"{_and(wrong)} {'is' if len(wrong) == 1 else 'are'} wrong, {_and(right)} {'is' if len(right) == 1 else 'are'} right"

@@ -6,8 +6,10 @@ JOBS.json: {"student": file, "prelude": file, "status": file, "jobs": [...]}, ea
     {"kind": "compile"}
     {"kind": "evaluate", "main": file, "columns_in": n, "columns_out": n, "rows": file, "output": file}
     {"kind": "draw", "packet": file, "output": file}
+and, where it is not about the student's file, with "student": another file.
 Tables are raw float32, images .npy. For each job the status file gets a line {"begin": i} and, when it ended,
-{"end": i, "error": null | message, "students": whether the student's shader is at fault, "seconds": s}; a job that has begun and not ended took the process with it.
+{"end": i, "error": null | message, "students": whether the student's shader is at fault, "seconds": s, "frame": seconds of drawing
+alone, or null}; a job that has begun and not ended took the process with it.
 """
 
 import json
@@ -22,6 +24,7 @@ import numpy as np
 
 from shadelab.errors import UserError
 from shadelab.glcontext import create_context, describe
+from shadelab.packet import Packet
 
 # Each text has its own line numbers, so that a driver's message tells which one it means (see glue.hpp).
 PRELUDE_LINE, MAIN_LINE = 1_000_001, 2_000_001
@@ -99,15 +102,21 @@ class Client:
 
     # ----------------------------------------------------------------------------------------------------- scenes
 
-    def draw(self, packet: "Packet") -> np.ndarray:
-        """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them."""
-        images = []
+    def draw(self, packet: Packet) -> tuple[np.ndarray, float]:
+        """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them. And the seconds
+        that drawing it takes."""
+        images, seconds = [], 0.0
         for each in passes(packet.header):
             frame = Frame(self, packet, each)
             frame.draw()
             images.append(frame.read())
+            # The first drawing has compiled; another tells what one takes.
+            start = time.perf_counter()
+            frame.draw()
+            self.context.finish()
+            seconds += time.perf_counter() - start
             frame.release()
-        return film(packet.header, images)
+        return film(packet.header, images), seconds
 
 
 @dataclass
@@ -158,7 +167,7 @@ class Object:
 class Objects:
     """A packet's objects for one pass: programs, buffers and vertex arrays are made here, once."""
 
-    def __init__(self, client: Client, packet: "Packet", which: str) -> None:
+    def __init__(self, client: Client, packet: Packet, which: str) -> None:
         self.client = client
         texts = packet.header[f"{which}s"]
         # All programs first: a shader that does not compile leaves no buffers behind.
@@ -171,7 +180,7 @@ class Objects:
             *(self.client.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
         )
 
-    def object(self, packet: "Packet", draw: dict[str, Any], program: moderngl.Program) -> Object:
+    def object(self, packet: Packet, draw: dict[str, Any], program: moderngl.Program) -> Object:
         context = self.client.context
         uniforms = [
             (program[name], np.array(value, np.float32).tobytes())
@@ -201,7 +210,7 @@ class Objects:
 class Frame:
     """One pass over a packet, ready to be drawn again and again."""
 
-    def __init__(self, client: Client, packet: "Packet", each: Pass, components: int = 4) -> None:
+    def __init__(self, client: Client, packet: Packet, each: Pass, components: int = 4) -> None:
         """components: of the float32 targets. 3 leaves the coverage out; not every driver draws into such targets."""
         self.context, self.clear, self.components = client.context, each.clear, components
         self.size = (packet.header["width"], packet.header["height"])
@@ -261,21 +270,6 @@ def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
     framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
 
 
-class Packet:
-    """A frame packet (packet.hpp): header and buffers."""
-
-    def __init__(self, file: Path) -> None:
-        with open(file, "rb") as stream:
-            if stream.readline() != b"shadelab packet 1\n":
-                raise UserError(f"{file}: not a frame packet of this version")
-            size = int(stream.readline())
-            self.header: dict[str, Any] = json.loads(stream.read(size))
-            self.data = stream.read()
-
-    def bytes(self, place: dict[str, int], element: int) -> bytes:
-        return self.data[place["offset"] : place["offset"] + place["count"] * element]
-
-
 def box_filter(image: np.ndarray, n: int) -> np.ndarray:
     """Averages n x n pixels, in double."""
     if n == 1:
@@ -284,33 +278,39 @@ def box_filter(image: np.ndarray, n: int) -> np.ndarray:
     return image.reshape(height // n, n, width // n, n, channels).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
-def run(job: dict[str, Any], client: Client) -> None:
+def run(job: dict[str, Any], client: Client) -> float | None:
+    """Returns the seconds of a frame alone, where one is drawn."""
     if job["kind"] == "compile":
         client.compile()
     elif job["kind"] == "evaluate":
         rows = np.fromfile(job["rows"], np.float32).reshape(-1, job["columns_in"])
         client.evaluate(Path(job["main"]).read_text(), rows, job["columns_out"]).tofile(job["output"])
     else:
-        np.save(job["output"], client.draw(Packet(Path(job["packet"]))))
+        image, seconds = client.draw(Packet(Path(job["packet"])))
+        np.save(job["output"], image)
+        return seconds
+    return None
 
 
 def main() -> None:
     task = json.loads(Path(sys.argv[1]).read_text())
     with open(task["status"], "a", buffering=1) as status:
-        client = Client(Path(task["prelude"]).read_text(), Path(task["student"]).read_text(errors="replace"))
+        client = Client(Path(task["prelude"]).read_text(), "")
         status.write(json.dumps({"gl": describe(client.context)}) + "\n")
         for index, job in enumerate(task["jobs"]):
             status.write(json.dumps({"begin": index}) + "\n")
-            start, message, students = time.perf_counter(), None, False
+            start, message, students, frame = time.perf_counter(), None, False, None
             try:
-                run(job, client)
+                client.student = Path(job.get("student", task["student"])).read_text(errors="replace")
+                frame = run(job, client)
             except ShaderError as error:
                 message, students = str(error), True
             except UserError as error:
                 message = str(error)
             except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told
                 message = f"the OpenGL client failed: {type(error).__name__}: {error}"
-            end = {"end": index, "error": message, "students": students, "seconds": time.perf_counter() - start}
+            seconds = time.perf_counter() - start
+            end = {"end": index, "error": message, "students": students, "seconds": seconds, "frame": frame}
             status.write(json.dumps(end) + "\n")
 
 

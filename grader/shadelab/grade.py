@@ -1,4 +1,4 @@
-"""The way of a submission: intake, build, evidence, findings, result."""
+"""The way of a submission: intake, build, evidence, findings, diagnosis, result."""
 
 import hashlib
 import platform
@@ -9,25 +9,37 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from shadelab import __version__, intake
-from shadelab import expected as expected_data
-from shadelab.build import BuildError, glue_folder
+from shadelab import __version__, intake, reference
+from shadelab.build import FUNCTIONS, BuildError, Recipe, glue_folder
+from shadelab.diagnosis import Candidate, Diagnosis, candidates, diagnose
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
-from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes
-from shadelab.findings import judge_function, judge_image
+from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes, with_callees
+from shadelab.findings import (
+    FunctionJudgement,
+    function_members,
+    informative,
+    judge_function,
+    judge_image,
+    judge_parity,
+)
+from shadelab.follow import Reference
 from shadelab.manifest import Assignment, Function, Scene, find_assignment, named_arrays
+from shadelab.mistakes import load_changes, with_bodies
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
-from shadelab.result import Check, Result
+from shadelab.result import Check, Point, Result
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
+from shadelab.tables import renormalised
 from shadelab.toml_files import read_toml
 
 BACKENDS = ("cpp", "glsl")
+LANGUAGES = {"cpp": "C++", "glsl": "GLSL"}
 
 
 @dataclass
@@ -72,6 +84,9 @@ def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]
             wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, own))
         wanted = [p for p in wanted if fnmatch(p.id, only)]
         plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
+    if all(plans.values()):  # where the two languages disagree; without points
+        pairs = [Plan(f"glsl/parity/{f.name}", "parity", "glsl", 0.0, f) for f in assignment.functions if f.graded]
+        plans["parity"] = [p for p in pairs if fnmatch(p.id, only)]
     return plans
 
 
@@ -81,13 +96,15 @@ def grade(
     out: Path | None = None,
     only: str = "*",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    rewrite: Callable[[Result], None] = lambda result: None,
 ) -> Grading:
-    """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks.
+    """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks;
+    `rewrite` is called as often, for further reports that shall survive.
 
     `only` restricts to checks whose id matches a shell pattern; a backend without any is not built.
     """
     glue_folder(assignment.directory)  # once, before two threads want it
-    expected = expected_data.load(assignment, lambda what: progress(what, 0, 1))
+    expected = reference.load(assignment, progress)
     plans = plan_checks(assignment, only)
     total = sum(len(p) for p in plans.values())
     result = Result(
@@ -102,7 +119,11 @@ def grade(
         # An older run's reports must not pass for this one's.
         (out / "report.html").unlink(missing_ok=True)
         shutil.rmtree(out / "worst", ignore_errors=True)
-        result.write(out / "result.json")
+
+    def write() -> None:
+        if out is not None:
+            result.write(out / "result.json")
+        rewrite(result)
 
     def record(check: Check, pictures: Pictures | None = None, gl: str | None = None) -> None:
         with lock:
@@ -111,28 +132,30 @@ def grade(
             result.add(check)
             if pictures is not None:
                 grading.pictures[check.id] = pictures
-            if out is not None:
-                result.write(out / "result.json")
+            write()
             progress(check.id, len(result.checks), total)
 
+    write()
     with work_folder("grade") as folder, ThreadPoolExecutor(len(BACKENDS)) as pool:
         files = intake.take(submission, assignment, folder / "submission")
-        chains = [
-            pool.submit(_grade_safely, backend, assignment, expected, plans[backend], files, folder, record)
+        graders = [
+            _BackendGrader(backend, assignment, expected, plans[backend], files, folder, record)
             for backend in BACKENDS
             if plans[backend]
         ]
         try:
-            for chain in chains:
+            for chain in [pool.submit(grader.run_safely) for grader in graders]:
                 chain.result()
         except KeyboardInterrupt:
             stop_everything.set()
             raise
-    order = {p.id: k for k, p in enumerate(p for backend in BACKENDS for p in plans[backend])}
+    for plan in plans.get("parity", []):
+        judged = [(grader.outputs.get(plan.item.name), grader.judged.get(plan.item.name)) for grader in graders]
+        record(_parity(plan, expected, assignment, judged))
+    order = {p.id: k for k, p in enumerate(p for chain in plans.values() for p in chain)}
     result.checks.sort(key=lambda check: order[check.id])
     result.complete = True
-    if out is not None:
-        result.write(out / "result.json")
+    write()
     return grading
 
 
@@ -140,95 +163,248 @@ def _absent(plan: Plan) -> bool:
     return isinstance(plan.item, Scene) and bool(missing_meshes(plan.item))
 
 
-def _grade_safely(backend: str, assignment: Assignment, expected: Expected, plans: list[Plan], *rest) -> None:
-    """Whatever goes wrong in one language, what was earned stays, and the other language is graded."""
-    files, folder, record = rest
-    recorded: set[str] = set()
+def _parity(plan: Plan, expected: Expected, assignment: Assignment, judged: list[tuple]) -> Check:
+    (cpp, in_cpp), (glsl, in_glsl) = judged
+    passed = [b for b, j in zip(BACKENDS, (in_cpp, in_glsl)) if j is not None and j.check.status == "passed"]
+    if cpp is None or glsl is None or not passed:
+        needs = [f"{b}/function/{plan.item.name}" for b in BACKENDS]
+        return _check(plan, "skipped", "neither language has it right yet" if not passed else "", needs)
+    floors = sum(expected.floor(plan.item, backend) for backend in BACKENDS)
+    return judge_parity(assignment, plan.item, expected.table(plan.item), floors, cpp, glsl, passed)
 
-    def remember(check: Check, *arguments, **options) -> None:
-        recorded.add(check.id)
-        record(check, *arguments, **options)
 
-    try:
-        _grade_backend(backend, assignment, expected, plans, files, folder, remember)
-    except Exception as error:  # a fault of the grader: told, and never a silent zero
+class _BackendGrader:
+    """The checks of one language, in the order of the data flow."""
+
+    def __init__(
+        self,
+        backend: str,
+        assignment: Assignment,
+        expected: Expected,
+        plans: list[Plan],
+        files: dict[str, str | None],
+        folder: Path,
+        record: Callable[..., None],
+    ) -> None:
+        self.backend, self.assignment, self.expected, self.folder = backend, assignment, expected, folder
+        self.plan, *self.plans = plans
+        self.sandbox = Sandbox(folder / backend)
+        source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
+        self.refused = files[source]
+        self._record = record
+        self.recorded: set[str] = set()
+        self.hung: set[str] = set()
+        self.outputs: dict[str, np.ndarray] = {}  # by function: what came on its table
+        self.judged: dict[str, FunctionJudgement] = {}
+        self.diagnoses: dict[str, Diagnosis] = {}
+
+    def record(self, check: Check, *arguments, **options) -> None:
+        self.recorded.add(check.id)
+        self._record(check, *arguments, **options)
+
+    def run_safely(self) -> None:
+        """Whatever goes wrong in one language, what was earned stays, and the other language is graded."""
+        try:
+            self.run()
+        except Exception as error:  # a fault of the grader: told, and never a silent zero
+            for plan in [self.plan, *self.plans]:
+                if plan.id not in self.recorded:
+                    fault = InfrastructureError(f"the grader failed: {type(error).__name__}: {error}")
+                    self.record(_our_fault(plan, fault))
+
+    def run(self) -> None:
+        try:
+            if self.refused:
+                raise BuildError(self.refused)
+            self.build()
+        except BuildError as error:
+            self.record(_check(self.plan, "failed", error.message))
+            for plan in self.plans:
+                self.record(_check(plan, "skipped"))
+            return
+        except InfrastructureError as error:
+            for plan in [self.plan, *self.plans]:
+                self.record(_our_fault(plan, error))
+            return
+        self.record(_check(self.plan, "passed"), gl=getattr(self.runner, "gl", None))
+        # Functions first: a scene whose model never ends would only use up the time again.
+        self.functions([p for p in self.plans if isinstance(p.item, Function)])
+        self.images([p for p in self.plans if isinstance(p.item, Scene)])
+
+    def build(self) -> None:
+        """In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes need."""
+        submission = self.folder / "submission"
+        if self.backend == "glsl":
+            self.runner = self.drawer = GlslRunner(self.assignment, self.sandbox)
+            self.runner.build(submission)
+            return
+        self.runner = CppRunner(self.assignment, self.sandbox, FUNCTIONS)
+        self.drawer = CppRunner(
+            self.assignment, self.sandbox, Recipe(functions=False, loops=tuple(self.expected.facts.loops))
+        )
+        draws = any(isinstance(p.item, Scene) for p in self.plans)
+        with ThreadPoolExecutor(2) as pool:
+            builds = [
+                pool.submit(r.build, submission) for r in ([self.runner, self.drawer] if draws else [self.runner])
+            ]
+            for build in builds:
+                build.result()
+
+    # ----------------------------------------------------------------------------------------------------- functions
+
+    def functions(self, plans: list[Plan]) -> None:
+        tasks: list[Task] = [Evaluate(p.item, self.expected.table(p.item).rows) for p in plans]
+        for plan, output in _outputs(self.runner, plans, tasks):
+            if isinstance(output, InfrastructureError):
+                self.record(_our_fault(plan, output))
+            elif output.array is None:
+                if output.hung:
+                    self.hung.add(plan.id)
+                self.record(_finished(_check(plan, "failed", f"{plan.item.name} {output.failure}"), output))
+            else:
+                self.outputs[plan.item.name] = output.array
+                self.record(_finished(self.function(plan, output.array), output))
+
+    def function(self, plan: Plan, actual: np.ndarray) -> Check:
+        """By the truth; or else by the truth with what the student's own functions gave, of which some are wrong."""
+        function = plan.item
+        judgement = self._judge(plan, actual)
+        self.judged[function.name] = judgement
+        if judgement.check.status == "passed":
+            return judgement.check
+        wrong = [
+            name
+            for name in self.expected.facts.calls[function.name]
+            if name in self.judged and self.judged[name].check.status == "failed"
+        ]
+        members, limit = function_members(self.assignment, function), judgement.check.error.limit
+        known = candidates(self.expected, function, self.backend)
+        followed = self._follow(function, wrong) if wrong else None
+        if followed is not None:
+            other = self._judge(plan, actual, followed)
+            if other.check.score > judgement.check.score:
+                judgement = self.judged[function.name] = other
+            if judgement.check.status == "passed":
+                judgement.check.message = f"right, given what your {' and '.join(wrong)} gives"
+                return judgement.check
+        found = diagnose(judgement, actual, limit, known, members)
+        if found is None and followed is not None:
+            found = diagnose(other, actual, limit, self._followed_mistakes(function, wrong), members)
+        check = judgement.check
+        if found is None:
+            if len(np.unique(actual, axis=0)) > 1:  # one that always gives the same is not written yet
+                check.message += "; not a mistake that the grader knows"
+        else:
+            self.diagnoses[function.name] = found
+            check.mistake = found.mistake
+            if found.function != function.name and found.function not in wrong:
+                check.message += f"; as if {found.function} were wrong inside it"
+            if found.other:
+                check.message += f"; there is a second mistake ({found.other.id}): {found.other.hint}"
+        return check
+
+    def _judge(self, plan: Plan, actual: np.ndarray, followed: np.ndarray | None = None) -> FunctionJudgement:
+        return judge_function(
+            self.assignment,
+            plan.item,
+            self.backend,
+            plan.points,
+            self.expected.table(plan.item),
+            self.expected.floor(plan.item, self.backend),
+            actual,
+            followed,
+        )
+
+    @cached_property
+    def solution(self) -> str | None:
+        """Its C++; a release has none, and no follow-through."""
+        file = self.assignment.directory / "shading.cpp"
+        return file.read_text() if file.exists() else None
+
+    @cached_property
+    def reference(self) -> Reference:
+        return Reference(self.assignment, self.solution, Sandbox(self.folder / f"{self.backend}-reference"))
+
+    def _follow(self, function: Function, wrong: list[str], reference: Reference | None = None) -> np.ndarray | None:
+        """The reference with the outputs of the student's functions that are wrong; None when that asks for nothing."""
+        if self.solution is None:
+            return None
+        callees = [self.assignment.function(name) for name in wrong]
+        table = self.expected.table(function)
+        exact = renormalised(self.assignment, function, table.rows)
+        followed = (reference or self.reference).with_recorded(function, exact, callees, self._evaluate)
+        return followed if followed is not None and informative(followed, table.truth) else None
+
+    def _evaluate(self, function: Function, rows: np.ndarray) -> np.ndarray | None:
+        [(_, output)] = self.runner.run([Evaluate(function, rows)])
+        return output.array
+
+    def _followed_mistakes(self, function: Function, wrong: list[str]) -> list[Candidate]:
+        """The function's own mistakes, on top of those of the functions that it calls."""
+        out, file = [], self.assignment.directory / "shading.cpp"
+        for number, change in enumerate(load_changes(self.assignment).mistake):
+            if change.function == function.name:
+                text = with_bodies(self.solution, file, change.bodies_for("cpp"))
+                sandbox = Sandbox(self.folder / f"{self.backend}-mistake-{number}")
+                followed = self._follow(function, wrong, Reference(self.assignment, text, sandbox, change.id))
+                if followed is not None:
+                    out.append(Candidate(change.id, change.function, change.hint, followed))
+        return out
+
+    # -------------------------------------------------------------------------------------------------------- images
+
+    def images(self, plans: list[Plan]) -> None:
+        scenes = []
         for plan in plans:
-            if plan.id not in recorded:
-                record(_our_fault(plan, InfrastructureError(f"the grader failed: {type(error).__name__}: {error}")))
+            if missing := missing_meshes(plan.item):
+                message = f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
+                check = _check(plan, "skipped", message)
+                check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
+                self.record(check)
+            elif waiting := [
+                id for id in (f"{self.backend}/function/{name}" for name in plan.calls) if id in self.hung
+            ]:
+                message = f"{waiting[0].split('/')[-1]} did not end in its own check"
+                self.record(_check(plan, "skipped", message, waiting))
+            else:
+                scenes.append(plan)
+        tasks: list[Task] = [Draw(p.item, self.expected.packet(p.item)) for p in scenes]
+        for plan, output in _outputs(self.drawer, scenes, tasks):
+            if isinstance(output, InfrastructureError):
+                self.record(_our_fault(plan, output))
+            else:
+                self.image(plan, output)
 
-
-def _grade_backend(
-    backend: str,
-    assignment: Assignment,
-    expected: Expected,
-    plans: list[Plan],
-    files: dict[str, str | None],
-    folder: Path,
-    record: Callable[..., None],
-) -> None:
-    build, *plans = plans
-    sandbox = Sandbox(folder / backend)
-    source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
-    try:
-        runner = CppRunner(assignment, sandbox) if backend == "cpp" else GlslRunner(assignment, sandbox)
-        if files[source]:
-            raise BuildError(files[source])
-        runner.build(folder / "submission")
-    except BuildError as error:
-        record(_check(build, "failed", error.message))
-        for plan in plans:
-            record(_check(plan, "skipped"))
-        return
-    except InfrastructureError as error:
-        for plan in [build, *plans]:
-            record(_our_fault(plan, error))
-        return
-    record(_check(build, "passed"), gl=getattr(runner, "gl", None))
-
-    # Functions first: a scene whose model never ends would only use up the time again.
-    hung: set[str] = set()
-    functions = [p for p in plans if isinstance(p.item, Function)]
-    tasks: list[Task] = [Evaluate(p.item, expected.table(p.item).rows) for p in functions]
-    for plan, output in _outputs(runner, functions, tasks):
-        if isinstance(output, InfrastructureError):
-            record(_our_fault(plan, output))
-            continue
-        if output.array is None:
-            check = _check(plan, "failed", f"{plan.item.name} {output.failure}")
-            if output.hung:
-                hung.add(plan.id)
+    def image(self, plan: Plan, output: Output) -> None:
+        truth = self.expected.scene(plan.item)
+        layers, shape = output.array, (*truth.total.shape[:2], TERM_CHANNELS)
+        if layers is not None and layers.shape == shape:
+            judged = judge_image(plan.item, self.backend, plan.points, truth, layers)
+            check, limit = judged.check, judged.limit
+            check.runs = [Point(**run) for run in truth.facts.runs]
+            off = layers[..., :3].astype(np.float64) - truth.total
+            if output.frame and np.isfinite(off).all():
+                yours = Point(series="yours", rmse=float(np.sqrt(np.mean(np.square(off)))), seconds=output.frame)
+                check.runs.insert(0, yours)
         else:
-            check = judge_function(assignment, plan.item, backend, plan.points, expected.table(plan.item), output.array)
-        record(_finished(check, output))
-
-    scenes = []
-    for plan in plans:
-        if not isinstance(plan.item, Scene):
-            continue
-        if missing := missing_meshes(plan.item):
-            message = f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
-            check = _check(plan, "skipped", message)
-            check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
-            record(check)
-        elif waiting := [id for id in (f"{backend}/function/{name}" for name in plan.calls) if id in hung]:
-            record(_check(plan, "skipped", f"{waiting[0].split('/')[-1]} did not end in its own check", waiting))
-        else:
-            scenes.append(plan)
-    for plan, output in _outputs(runner, scenes, [Draw(p.item, expected.packet(p.item)) for p in scenes]):
-        if isinstance(output, InfrastructureError):
-            record(_our_fault(plan, output))
-            continue
-        truth = expected.scene(plan.item)
-        total = truth.total
-        if output.array is not None and output.array.shape == (*total.shape[:2], TERM_CHANNELS):
-            judged = judge_image(plan.item, backend, plan.points, truth, output.array)
-            pictures = Pictures(output.array[..., :3], total, truth.mask, judged.limit)
-            check = judged.check
-        else:
-            failure = output.failure or f"gave an image of another size: {output.array.shape}"
+            failure = output.failure or f"gave an image of another size: {layers.shape}"
             check = _check(plan, "failed", f"{plan.item.name}: the render {failure}")
-            pictures = Pictures(None, total, truth.mask, np.ones_like(total))
-        record(_finished(check, output), pictures)
+            layers, limit = None, np.ones_like(truth.total)
+        if check.status == "failed":
+            self.blame(plan, check)
+        self.record(_finished(check, output), Pictures(layers, truth, limit))
+
+    def blame(self, plan: Plan, check: Check) -> None:
+        """Of the functions that the scene draws with, the first that is wrong explains the picture."""
+        used = with_callees(set(plan.calls), self.expected.facts.calls)
+        for function in self.assignment.functions:
+            if function.name in used and function.name in self.diagnoses:
+                check.mistake = self.diagnoses[function.name].mistake
+                break
+        wrong = [f.name for f in self.assignment.functions if f.name in used and f.name in self.judged]
+        wrong = [name for name in wrong if self.judged[name].check.status == "failed"]
+        if wrong:
+            check.message += f"; mend {' and '.join(wrong)} first, which this scene is drawn with"
 
 
 def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task]):
@@ -250,7 +426,7 @@ def _check(plan: Plan, status: str, message: str = "", needs: list[str] | None =
     build = [] if plan.item is None else [f"{plan.backend}/build"]
     return Check(
         id=plan.id, kind=plan.kind, backend=plan.backend, status=status, score=0.0, max_score=plan.points,
-        message=message, needs=[*build, *(needs or [])],
+        message=message, needs=[*build, *(needs or [])], hidden=isinstance(plan.item, Scene) and plan.item.hidden,
     )  # fmt: skip
 
 
@@ -277,11 +453,12 @@ def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Pat
         if check.worst is None:
             continue
         name = check.id.split("/")[-1]
-        if check.kind == "function":
+        if check.kind in ("function", "parity"):
             (out / "worst").mkdir(exist_ok=True)
             file = out / "worst" / f"{check.backend}-{name}.npz"
             columns = assignment.input_columns(assignment.function(name))
-            flat = [float(v) for values in check.worst.inputs.values() for v in values]
+            inputs = {name: check.worst.inputs[name] for name in dict.fromkeys(c.path for c in columns)}
+            flat = [float(v) for values in inputs.values() for v in values]
             np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
             command = ["eval", shown(submission), name, "--backend", check.backend, "--inputs", shown(file), *named]
         else:
@@ -321,7 +498,7 @@ def environment(assignment: Assignment, expected: Expected) -> dict[str, str]:
     return {
         "cpu": cpu,
         "sandbox": Sandbox.name,
-        "expected": expected.folder.name,
+        "expected": expected.digest,
         "seed_digest": assignment.hidden.seed_digest,
         "version": __version__,
     }

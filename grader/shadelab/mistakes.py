@@ -118,17 +118,3 @@ def write_submission(assignment: Assignment, change: Change, folder: Path) -> No
     for backend, name in BACKENDS.items():
         source = assignment.directory / name
         (folder / name).write_text(with_bodies(source.read_text(), source, change.bodies_for(backend)))
-
-
-def callers(assignment: Assignment, functions: set[str]) -> set[str]:
-    """These functions and those that call them, directly or through others, in the solution."""
-    text = (assignment.directory / "shading.cpp").read_text()
-    bodies = {
-        m.group(1): m.group(2) for m in re.finditer(r"^\w+ (\w+)\([^;{]*\) \{\n((?:.*\n)*?)\}\n", text, re.MULTILINE)
-    }
-    out = set(functions)
-    while True:
-        grown = out | {name for name, body in bodies.items() if any(re.search(rf"\b{f}\(", body) for f in out)}
-        if grown == out:
-            return out
-        out = grown

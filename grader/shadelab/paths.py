@@ -7,10 +7,12 @@ ROOT = Path(os.environ.get("SHADELAB_ROOT") or Path(__file__).resolve().parents[
 STATE = ROOT / ".shadelab"
 RENDER = ROOT / "build" / "shadelab-render"
 FRAMEWORK = ROOT / "framework"
-SOLUTION = ROOT / "solution"
+# In a release, the manifests of its assignments, and of the given ones the code as well.
+SOLUTION = ROOT / ("solution" if (ROOT / "solution").is_dir() else "assignments")
 STARTER = ROOT / "starter"
 SCENES = ROOT / "scenes"
 EXPECTED = STATE / "expected"
+SHIPPED = ROOT / "expected"  # in a release: the public part, ready made
 
 
 def shown(path: Path | str) -> str:

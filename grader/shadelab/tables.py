@@ -157,6 +157,8 @@ def jittered(assignment: Assignment, function: Function, rows: np.ndarray) -> li
     return [rows * (1 + size * rng.uniform(-1, 1, rows.shape)) for _ in range(JITTERS)]
 
 
-def on_gate(function: Function, rows: int) -> np.ndarray:
-    """Which rows stand on a declared gate. Their inputs are exact, so rounding is no excuse there."""
-    return np.arange(rows) % GATE_STRIDE < len(function.gates)
+def on_gate(function: Function, drawn: int, rows: int) -> np.ndarray:
+    """Which of the rows stand on a declared gate: some of the `drawn` ones, which come first. Their inputs are exact, so rounding
+    is no excuse there."""
+    row = np.arange(rows)
+    return (row % GATE_STRIDE < len(function.gates)) & (row < drawn)

@@ -13,7 +13,7 @@ import pytest
 
 from conftest import ROOT
 from shadelab import build
-from shadelab.build import LEVELS, build_plugin, processor_level
+from shadelab.build import LEVELS, Recipe, build_plugin, processor_level
 from shadelab.errors import UserError
 from shadelab.expected import CHANNELS
 from shadelab.manifest import load_assignment
@@ -69,7 +69,7 @@ class Renderer:
                 declared = load_assignment(ROOT / "solution" / assignment)
                 source = declared.directory / "shading.cpp"
                 sandbox = Sandbox(self.folder / f"{assignment}-{level}-{double}")
-                self.plugins[key] = build_plugin(declared, source, sandbox, double).file
+                self.plugins[key] = build_plugin(declared, source, sandbox, Recipe(double)).file
             processor_level.cache_clear()
         return self.plugins[key]
 

@@ -10,7 +10,7 @@ from mpmath import mpf
 
 from conftest import ROOT
 from shadelab import exact
-from shadelab.build import glue_folder, plugin_flags
+from shadelab.build import Recipe, glue_folder
 from shadelab.expected import load
 from shadelab.findings import scaled_error
 from shadelab.manifest import assignment_names, load_assignment
@@ -68,7 +68,7 @@ def test_every_batch_loop_of_the_solution_vectorises(assignment, tmp_path):
     glue = glue_folder(assignment.directory)
     shutil.copy(assignment.directory / "shading.cpp", tmp_path / "shading.cpp")
     shutil.copy(glue / "glue.cpp", tmp_path / "glue.cpp")
-    flags = [flag for flag in plugin_flags(double=False, terms=True) if not flag.startswith("-march")]
+    flags = [flag for flag in Recipe().flags() if not flag.startswith("-march")]
     command = [
         "g++",
         *flags,

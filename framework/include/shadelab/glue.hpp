@@ -19,6 +19,9 @@ std::string cpp_assignment_header(const Manifest& manifest);
 /// The plugin's one translation unit; it includes `student_file` (as written, relative to the compiler's -I or working folder).
 std::string cpp_glue(const Manifest& manifest, const std::string& student_file);
 
+/// For plugins with -DSHADELAB_FOLLOW: of each function f a wrapper f_followed, which asks for a recorded result first.
+std::string cpp_follow_header(const Manifest& manifest);
+
 /// `shading_glsl`: the text of the framework's shading.glsl, which opens the prelude.
 std::string glsl_prelude(const Manifest& manifest, const std::string& shading_glsl);
 /// main() that evaluates one function over a table in texture `rows` (the layout stands in glue.cpp).

@@ -46,4 +46,13 @@ struct Table {
     const Function<Real>* functions;
 };
 
+// A plugin that was compiled with -DSHADELAB_FOLLOW asks before each call from one function of the assignment to another whether
+// the result is known already: follow-through, where outputs that were recorded elsewhere stand in for a function.
+
+inline constexpr const char* follow_symbol = "shadelab_follow";
+
+/// `function`: its index in the table. Writes `out` and returns true, or returns false, and the function itself is called.
+template <class Real>
+using Answer = bool (*)(int function, const Real* in, Real* out);
+
 }  // namespace shadelab::plugin

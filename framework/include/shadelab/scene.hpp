@@ -26,6 +26,7 @@ struct Camera {
     glm::dvec3 eye, target, up;
     double fov_y;  ///< radians
     double near, far;
+    glm::dvec2 shift{0};  ///< moves the picture on the film, in half films: 2/width is a pixel to the right
 
     glm::dmat4 world_to_clip(double aspect) const;
 };
