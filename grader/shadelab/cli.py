@@ -82,14 +82,27 @@ def grade(
     only: Annotated[
         str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")
     ] = "*",
+    format: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar="NAME", help="also write gradescope, classroom50, junit or markdown there; may be repeated"
+        ),
+    ] = None,
+    html: Annotated[bool, typer.Option(help="write report.html; without it, no picture is kept in memory")] = True,
+    hidden_details: Annotated[
+        bool, typer.Option("--hidden-details", help="for instructors: show what is wrong in hidden scenes, too")
+    ] = False,
 ) -> None:
     """Grade one submission: build, run and compare it with the expected data, and say what is wrong.
 
-    A table goes to stdout; result.json and report.html (pictures, worst pixels) go to the folder given by --out.
+    A table goes to stdout; result.json and report.html (pictures, worst pixels) go to the folder given by --out, and so does
+    what --format asks for: results.json, classroom50.json, junit.xml, summary.md.
     """
     from shadelab.grade import grade as run_grade
     from shadelab.grade import plan_checks, write_worst_inputs
     from shadelab.manifest import find_assignment
+    from shadelab.report import formats
+    from shadelab.report.annotations import annotations
     from shadelab.report.html import write_html
     from shadelab.report.terminal import print_result
 
@@ -100,20 +113,34 @@ def grade(
         )
     if json_ and json_ != "-" and not Path(json_).parent.is_dir():
         raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
+    for name in format or []:
+        if name not in formats.FORMATS:
+            raise UserError(f"--format {name}: there is {', '.join(formats.FORMATS)}")
     out = out or Path("out") / declared.name
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{shown(out)}: cannot be made: {error.strerror}; choose another folder with --out") from None
+
+    def rewrite(result) -> None:
+        for name in format or []:
+            formats.write(name, result, out)
+
     with progress_bar() as progress:
-        grading = run_grade(declared, directory, out, only, progress)
+        grading = run_grade(declared, directory, out, only, progress, rewrite, pictures=html)
     write_worst_inputs(declared, grading, directory, out)
-    write_html(grading.result, grading.pictures, out / "report.html", declared.title)
+    rewrite(grading.result)
+    if html:
+        write_html(grading.result, grading.pictures, out / "report.html", declared.title, hidden_details)
+    if os.environ.get("GITHUB_ACTIONS") == "true":  # its runner reads them from any output
+        for line in annotations(grading.result, shown(directory)):
+            print(line, file=sys.stderr)
     if json_ and json_ != "-":
         Path(json_).write_text(grading.result.to_json())
     if json_ == "-":
         print(grading.result.to_json(), end="")
-    print_result(grading.result, errors if json_ == "-" else Console(highlight=False), out / "report.html")
+    console = errors if json_ == "-" else Console(highlight=False)
+    print_result(grading.result, console, out / "report.html" if html else None, hidden_details)
     result = grading.result
     if any(check.status == "error" for check in result.checks):
         raise typer.Exit(3)
@@ -218,7 +245,10 @@ def render(
             f"--samples {samples}: {backend} has {', '.join(map(str, allowed))}; --supersample takes any number"
         )
     declared = _assignment_of_scene(scene, shading)
-    folder = shading or declared.directory
+    solution = declared.directory
+    if not (solution / declared.files[0]).exists():  # a release has none: there it is the student's folder
+        solution = ROOT / declared.name
+    folder = shading or solution
     options = ["--assignment", str(declared.directory)]
     for name, value in {"--size": size, "--samples": samples, "--supersample": supersample}.items():
         options += [name, str(value)] if value is not None else []
@@ -445,50 +475,25 @@ def check(
     names: Annotated[
         Optional[list[str]], typer.Argument(metavar="[NAME]...", help="assignments (default: all)")
     ] = None,
+    images: Annotated[
+        bool, typer.Option("--images", help="draw the scenes for the mistakes, too (takes several times as long)")
+    ] = False,
 ) -> None:
-    """Grade the grader: every declared mistake must lose points where it should and only there, every correct variant none."""
+    """Grade the grader: every declared mistake must lose points and be named, every correct variant must lose none.
+
+    Where mistakes.toml says so, single tokens of the solution are changed as well (mutants); none may pass.
+    """
     from shadelab.check import check as run_check
     from shadelab.manifest import assignment_names, find_assignment
+    from shadelab.report.matrix import print_matrix
 
-    output, faults = Console(highlight=False), 0
+    missed = 0
     for name in names or assignment_names():
         declared = find_assignment(SOLUTION / name, name)
         with progress_bar() as progress:
-            rows = run_check(declared, progress)
-        table = Table(title=f"{declared.name}: what each submission loses", title_justify="left")
-        for heading, justify in (
-            ("submission", "left"),
-            ("kind", "left"),
-            ("C++", "right"),
-            ("GLSL", "right"),
-            ("failed", "right"),
-            ("RMSE", "right"),
-            ("", "left"),
-        ):
-            table.add_column(heading, justify=justify, overflow="fold")
-        for row in rows:
-            failed = "/".join(str(len(row.failed[b])) for b in ("cpp", "glsl"))
-            verdict = "ok" if not row.faults else "MISSED"
-            table.add_row(
-                row.name,
-                row.kind,
-                f"{row.lost['cpp']:.1f}",
-                f"{row.lost['glsl']:.1f}",
-                failed,
-                f"{row.rmse:.2g}",
-                verdict,
-            )
-        output.print(table)
-        for row in rows:
-            for fault in row.faults:
-                output.print(f"{row.name}: {fault}", markup=False)
-        mistakes, variants = (sum(r.kind == kind for r in rows) for kind in ("mistake", "variant"))
-        bad = sum(bool(r.faults) for r in rows)
-        faults += bad
-        output.print(
-            f"{declared.name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {bad} missed\n"
-        )
-    if faults:
+            matrix = run_check(declared, progress, images)
+        missed += print_matrix(declared.name, matrix, Console(highlight=False))
+    if missed:
         raise typer.Exit(1)
 
 
@@ -559,6 +564,54 @@ def bench(
 
 
 @app.command()
+def release(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="an assignment, for example phong")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="a folder that is empty or not there yet")],
+    force: Annotated[bool, typer.Option("--force", help="replace the files of a former release")] = False,
+) -> None:
+    """Write what students receive: a checkout that holds this assignment alone, its expected data, and no solution of it."""
+    from shadelab.manifest import find_assignment
+    from shadelab.release import folder_size, write_release
+
+    declared = find_assignment(SOLUTION / name, name)
+    for warning in write_release(declared, out, force):
+        print(f"{shown(out)}: {warning}", file=sys.stderr)
+    print(
+        f"{shown(out)}: {folder_size(out) / 1e6:.0f} MB; students start with: cd {shown(out)} && ./shadelab grade {name}"
+    )
+
+
+@app.command()
+def package(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="an assignment, for example phong")],
+    target: Annotated[str, typer.Option("--for", metavar="SYSTEM", help="gradescope")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.zip")],
+    seed: Annotated[
+        Optional[str], typer.Option(help="what hidden scenes are drawn from (default: drawn at random)")
+    ] = None,
+) -> None:
+    """Write the zip that an autograding service takes. Its hidden scenes are drawn from a seed of its own."""
+    from shadelab.manifest import find_assignment
+    from shadelab.package import write_package
+
+    digest = write_package(find_assignment(SOLUTION / name, name), target, output, seed)
+    print(f"{shown(output)}: {output.stat().st_size / 1e6:.1f} MB; digest of the seed: {digest}")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="small letters, digits, single underscores")],
+    title: Annotated[Optional[str], typer.Option(help="how handout and reports call it (default: from NAME)")] = None,
+) -> None:
+    """Start an assignment: a small one that works, to replace piece by piece."""
+    from shadelab.scaffold import next_steps, write_assignment
+
+    for file in write_assignment(name, title):
+        print(shown(file))
+    print(next_steps(name), file=sys.stderr)
+
+
+@app.command()
 def doctor() -> None:
     """Say what this machine can do, and how to mend what it can't."""
     from shadelab.doctor import examine
@@ -603,6 +656,10 @@ def test(
     if cpp or python:
         raise typer.Exit(1)
 
+
+if not (ROOT / "solution").is_dir():  # a release: what instructors' commands need is not there
+    theirs = (reference, check, starter, bench, release, package, new, test)
+    app.registered_commands = [c for c in app.registered_commands if c.callback not in theirs]
 
 _UsageError = typer.BadParameter.__bases__[0]  # click's class; typer has it from click or carries it itself
 

@@ -59,10 +59,14 @@ def diagnose(
     explained = {c.id: explains(c.output, actual, table, limit, members) for c in known}
     left = {id: int((~rows).sum()) for id, rows in explained.items()}
     first, *others = sorted(known, key=lambda c: left[c.id])
+    alike = [c for c in others if explains(c.output, first.output, table, limit, members).all()]
+    others = [c for c in others if c not in alike]
     of_truth = int(wrong.sum())
     margin = (min([of_truth, *(left[c.id] for c in others)]) + 1) / (left[first.id] + 1)
     if left[first.id] <= UNEXPLAINED * of_truth and margin >= MARGIN:
-        return Diagnosis(Mistake(id=first.id, hint=first.hint, margin=round(margin, 2)), first.function)
+        hint = " Or: ".join(dict.fromkeys(c.hint for c in [first, *alike]))
+        named = Mistake(id=first.id, hint=hint, margin=round(margin, 2), alike=[c.id for c in alike])
+        return Diagnosis(named, first.function)
     return _pair(known, explained, wrong, left[first.id])
 
 

@@ -161,24 +161,40 @@ class GlslRunner:
         self.glue = glue_folder(assignment.directory)
         self.student: Path | None = None
         self.gl = "unknown"
+        self.begun: tuple[list[Task], Iterator] | None = None
         self.runs = 0  # one may begin while another goes on; each has files of its own
 
     def take(self, folder: Path) -> None:
         """Without compiling it by itself: whoever runs a task sees whether it compiles."""
         self.student = (folder / "shading.glsl").resolve()  # the client runs in the sandbox's folder
 
-    def build(self, folder: Path) -> None:
-        """Raises BuildError."""
+    def build(self, folder: Path, then: list[Task] = []) -> None:  # noqa: B006
+        """Raises BuildError. `then`: the tasks that run() will be asked for next."""
         self.take(folder)
-        [(_, output)] = self._jobs([({"kind": "compile"}, None, DRAW_LIMITS)], self.sandbox.folder)
+        # In the same process as the first tasks: to start one takes as long as several tasks.
+        self.begun = (then, self._jobs(*self._prepared(then, compile=True)))
+        _, output = next(self.begun[1])
         if output.failure:
             raise BuildError(output.failure)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
-        jobs = []
+        if self.begun and tasks and self.begun[0] is tasks:
+            jobs, first, self.begun = self.begun[1], 1, None
+        else:
+            jobs, first = self._jobs(*self._prepared(tasks)), 0
+        for index, output in jobs:
+            yield tasks[index - first], output
+
+    def _prepared(
+        self, tasks: list[Task], compile: bool = False
+    ) -> tuple[list[tuple[dict, tuple | None, Limits]], Path]:
+        """The client's jobs, and the folder for their files."""
+        jobs: list[tuple[dict, tuple | None, Limits]] = []
+        if compile:
+            jobs.append(({"kind": "compile"}, None, DRAW_LIMITS))
         self.runs += 1
         folder = self.sandbox.folder / f"run-{self.runs}"
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         for index, task in enumerate(tasks):
             target = folder / f"output-{index}"
             if isinstance(task, Evaluate):
@@ -199,8 +215,7 @@ class GlslRunner:
                     "output": str(target.with_suffix(".npy")),
                 }
                 jobs.append((job, None, DRAW_LIMITS))
-        for index, output in self._jobs(jobs, folder):
-            yield tasks[index], output
+        return jobs, folder
 
     def _jobs(self, jobs: list[tuple[dict, tuple | None, Limits]], folder: Path) -> Iterator[tuple[int, Output]]:
         """Runs jobs in as few client processes as possible: one that dies or hangs is followed by another for the rest."""

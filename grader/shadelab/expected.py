@@ -10,7 +10,10 @@ In its folder stand
     done                the digest of all that it depends on; written last: a set without it is made again
 """
 
+import hashlib
 import json
+import os
+import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -19,7 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from shadelab.build import glue_folder
+from shadelab.errors import InfrastructureError
 from shadelab.manifest import Assignment, Function, Scene
+from shadelab.paths import RENDER, STATE, shown
 from shadelab.toml_files import read_toml
 
 # The film's channels with all layers, in the order of film.hpp.
@@ -88,8 +94,25 @@ class Expected:
     def scene(self, scene: Scene) -> "SceneTruth":
         return SceneTruth.load(self.folder / f"{scene.name}.npz")
 
-    def packet(self, scene: Scene) -> Path:
-        return self.folder / f"{scene.name}.packet"
+    def packet(self, scene: Scene, assignment: Assignment) -> Path:
+        """A release carries none: they repeat the meshes, of which one is not ours to hand on. There they are made when they are
+        wanted, and kept by what they are made from."""
+        file = self.folder / f"{scene.name}.packet"
+        if file.exists():
+            return file
+        made_from = hashlib.sha256(b"".join(f.read_bytes() for f in [scene.file, *scene_meshes(scene)])).hexdigest()[
+            :16
+        ]
+        file = STATE / "packets" / f"{glue_folder(assignment.directory).name}-{scene.name}-{made_from}.packet"
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            temporary = file.with_suffix(f".{os.getpid()}")
+            command = ["packet", scene.file, "--assignment", assignment.directory, "--terms", "-o", temporary]
+            outcome = subprocess.run([RENDER, *command], capture_output=True, text=True)
+            if outcome.returncode:
+                raise InfrastructureError(f"{shown(scene.file)}: {outcome.stderr.strip()}")
+            os.replace(temporary, file)
+        return file
 
 
 def with_callers(names: set[str], calls: dict[str, list[str]]) -> set[str]:

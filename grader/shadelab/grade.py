@@ -21,6 +21,7 @@ from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes, with_callees
 from shadelab.findings import (
+    Followed,
     FunctionJudgement,
     function_members,
     informative,
@@ -35,7 +36,7 @@ from shadelab.paths import shown
 from shadelab.report.html import Pictures
 from shadelab.result import Check, Point, Result
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
-from shadelab.tables import renormalised
+from shadelab.tables import jittered, renormalised
 from shadelab.toml_files import read_toml
 
 BACKENDS = ("cpp", "glsl")
@@ -97,9 +98,10 @@ def grade(
     only: str = "*",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     rewrite: Callable[[Result], None] = lambda result: None,
+    pictures: bool = True,
 ) -> Grading:
     """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks;
-    `rewrite` is called as often, for further reports that shall survive.
+    `rewrite` is called as often, for further reports that shall survive. pictures: keep the images, for the HTML report.
 
     `only` restricts to checks whose id matches a shell pattern; a backend without any is not built.
     """
@@ -125,13 +127,13 @@ def grade(
             result.write(out / "result.json")
         rewrite(result)
 
-    def record(check: Check, pictures: Pictures | None = None, gl: str | None = None) -> None:
+    def record(check: Check, images: Pictures | None = None, gl: str | None = None) -> None:
         with lock:
             if gl is not None:
                 result.environment["gl"] = gl
             result.add(check)
-            if pictures is not None:
-                grading.pictures[check.id] = pictures
+            if pictures and images is not None:
+                grading.pictures[check.id] = images
             write()
             progress(check.id, len(result.checks), total)
 
@@ -188,11 +190,14 @@ class _BackendGrader:
     ) -> None:
         self.backend, self.assignment, self.expected, self.folder = backend, assignment, expected, folder
         self.plan, *self.plans = plans
+        self.function_plans = [p for p in self.plans if isinstance(p.item, Function)]
+        self.tasks: list[Task] = [Evaluate(p.item, expected.table(p.item).rows) for p in self.function_plans]
         self.sandbox = Sandbox(folder / backend)
         source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
         self.refused = files[source]
         self._record = record
         self.recorded: set[str] = set()
+        self.failed: set[str] = set()
         self.hung: set[str] = set()
         self.outputs: dict[str, np.ndarray] = {}  # by function: what came on its table
         self.judged: dict[str, FunctionJudgement] = {}
@@ -200,6 +205,8 @@ class _BackendGrader:
 
     def record(self, check: Check, *arguments, **options) -> None:
         self.recorded.add(check.id)
+        if check.status == "failed":
+            self.failed.add(check.id)
         self._record(check, *arguments, **options)
 
     def run_safely(self) -> None:
@@ -228,7 +235,7 @@ class _BackendGrader:
             return
         self.record(_check(self.plan, "passed"), gl=getattr(self.runner, "gl", None))
         # Functions first: a scene whose model never ends would only use up the time again.
-        self.functions([p for p in self.plans if isinstance(p.item, Function)])
+        self.functions()
         self.images([p for p in self.plans if isinstance(p.item, Scene)])
 
     def build(self) -> None:
@@ -236,7 +243,7 @@ class _BackendGrader:
         submission = self.folder / "submission"
         if self.backend == "glsl":
             self.runner = self.drawer = GlslRunner(self.assignment, self.sandbox)
-            self.runner.build(submission)
+            self.runner.build(submission, self.tasks)
             return
         self.runner = CppRunner(self.assignment, self.sandbox, FUNCTIONS)
         self.drawer = CppRunner(
@@ -252,9 +259,8 @@ class _BackendGrader:
 
     # ----------------------------------------------------------------------------------------------------- functions
 
-    def functions(self, plans: list[Plan]) -> None:
-        tasks: list[Task] = [Evaluate(p.item, self.expected.table(p.item).rows) for p in plans]
-        for plan, output in _outputs(self.runner, plans, tasks):
+    def functions(self) -> None:
+        for plan, output in _outputs(self.runner, self.function_plans, self.tasks):
             if isinstance(output, InfrastructureError):
                 self.record(_our_fault(plan, output))
             elif output.array is None:
@@ -285,7 +291,7 @@ class _BackendGrader:
             if other.check.score > judgement.check.score:
                 judgement = self.judged[function.name] = other
             if judgement.check.status == "passed":
-                judgement.check.message = f"right, given what your {' and '.join(wrong)} gives"
+                judgement.check.message = f"right, given what your {_and(wrong)} gives"
                 return judgement.check
         found = diagnose(judgement, actual, limit, known, members)
         if found is None and followed is not None:
@@ -303,7 +309,7 @@ class _BackendGrader:
                 check.message += f"; there is a second mistake ({found.other.id}): {found.other.hint}"
         return check
 
-    def _judge(self, plan: Plan, actual: np.ndarray, followed: np.ndarray | None = None) -> FunctionJudgement:
+    def _judge(self, plan: Plan, actual: np.ndarray, followed: Followed | None = None) -> FunctionJudgement:
         return judge_function(
             self.assignment,
             plan.item,
@@ -325,15 +331,26 @@ class _BackendGrader:
     def reference(self) -> Reference:
         return Reference(self.assignment, self.solution, Sandbox(self.folder / f"{self.backend}-reference"))
 
-    def _follow(self, function: Function, wrong: list[str], reference: Reference | None = None) -> np.ndarray | None:
-        """The reference with the outputs of the student's functions that are wrong; None when that asks for nothing."""
+    def _follow(self, function: Function, wrong: list[str], reference: Reference | None = None) -> Followed | None:
+        """The reference with the outputs of the student's functions that are wrong, and how far rounding of the inputs moves it: a
+        wrong function may be wilder than the right one. None when this asks for nothing."""
         if self.solution is None:
             return None
         callees = [self.assignment.function(name) for name in wrong]
         table = self.expected.table(function)
         exact = renormalised(self.assignment, function, table.rows)
-        followed = (reference or self.reference).with_recorded(function, exact, callees, self._evaluate)
-        return followed if followed is not None and informative(followed, table.truth) else None
+        # Wider than the truth's own: the arguments of the calls were rounded on their way, too.
+        inputs = np.concatenate([exact, *jittered(self.assignment, function, exact, units=2.0)])
+        results = (reference or self.reference).with_recorded(function, inputs, callees, self._evaluate)
+        if results is None:
+            return None
+        followed, *moved = results.reshape(-1, *table.truth.shape)
+        if not informative(followed):
+            return None
+        with np.errstate(invalid="ignore"):
+            conditioning = np.nan_to_num(np.abs(np.array(moved) - followed), nan=np.inf).max(axis=0)
+        not_finite = any(not np.isfinite(self.outputs[name]).all() for name in wrong)
+        return Followed(followed, np.maximum(conditioning, table.conditioning), not_finite)
 
     def _evaluate(self, function: Function, rows: np.ndarray) -> np.ndarray | None:
         [(_, output)] = self.runner.run([Evaluate(function, rows)])
@@ -348,7 +365,7 @@ class _BackendGrader:
                 sandbox = Sandbox(self.folder / f"{self.backend}-mistake-{number}")
                 followed = self._follow(function, wrong, Reference(self.assignment, text, sandbox, change.id))
                 if followed is not None:
-                    out.append(Candidate(change.id, change.function, change.hint, followed))
+                    out.append(Candidate(change.id, change.function, change.hint, followed.truth))
         return out
 
     # -------------------------------------------------------------------------------------------------------- images
@@ -368,7 +385,7 @@ class _BackendGrader:
                 self.record(_check(plan, "skipped", message, waiting))
             else:
                 scenes.append(plan)
-        tasks: list[Task] = [Draw(p.item, self.expected.packet(p.item)) for p in scenes]
+        tasks: list[Task] = [Draw(p.item, self.expected.packet(p.item, self.assignment)) for p in scenes]
         for plan, output in _outputs(self.drawer, scenes, tasks):
             if isinstance(output, InfrastructureError):
                 self.record(_our_fault(plan, output))
@@ -401,10 +418,11 @@ class _BackendGrader:
             if function.name in used and function.name in self.diagnoses:
                 check.mistake = self.diagnoses[function.name].mistake
                 break
-        wrong = [f.name for f in self.assignment.functions if f.name in used and f.name in self.judged]
-        wrong = [name for name in wrong if self.judged[name].check.status == "failed"]
-        if wrong:
-            check.message += f"; mend {' and '.join(wrong)} first, which this scene is drawn with"
+        failed = [f"{self.backend}/function/{f.name}" for f in self.assignment.functions if f.name in used]
+        check.because = [id for id in failed if id in self.failed]
+        if check.because:
+            names = [id.split("/")[-1] for id in check.because]
+            check.message += f"; it is drawn with {_and(names)}, which {'is' if len(names) == 1 else 'are'} wrong"
 
 
 def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task]):
@@ -419,6 +437,10 @@ def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task
             return
         yield plans[done], output
         done += 1
+
+
+def _and(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
 def _check(plan: Plan, status: str, message: str = "", needs: list[str] | None = None) -> Check:

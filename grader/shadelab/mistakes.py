@@ -10,6 +10,12 @@ body = '''...'''                  # stands in both languages; cpp and glsl overr
 [[variant]]                       # correct, written another way: must lose nothing
 id = "slide-formulas"             # this one is what the slides say to the letter; it also measures how far that strays
 bodies = { phong_lobe = '''...''' }
+
+mutate = ["phong"]                # at the top: check also changes single tokens of these functions and of those they call
+
+[[equivalent]]                    # a mutant of these that computes the same as the solution
+id = "phong_lobe: ..."            # as check prints it
+reason = "..."
 """
 
 import re
@@ -50,13 +56,24 @@ class Change(Declared):
         return {self.function: getattr(self, backend) or self.body}
 
 
+class Equivalent(Declared):
+    """A mutant that computes the same, so that no grader can tell it from the solution."""
+
+    id: str
+    reason: str
+
+
 class Changes(Declared):
+    mutate: list[str] = []
     mistake: list[Change] = []
     variant: list[Change] = []
+    equivalent: list[Equivalent] = []
 
 
 def load_changes(assignment: Assignment) -> Changes:
     file = assignment.directory / "mistakes.toml"
+    if not file.exists():
+        return Changes()
     changes: Changes = validated(Changes, file)
     names = {f.name for f in assignment.functions}
     seen: set[str] = set()
@@ -67,6 +84,9 @@ def load_changes(assignment: Assignment) -> Changes:
         for function in change.bodies_for("cpp"):
             if function not in names:
                 raise UserError(f"{shown(file)}: {change.id}: {assignment.name} has no function {function}")
+    for function in changes.mutate:
+        if function not in names:
+            raise UserError(f"{shown(file)}: mutate: {assignment.name} has no function {function}")
     for mistake in changes.mistake:
         if not mistake.hint or not mistake.function:
             raise UserError(f"{shown(file)}: {mistake.id}: a mistake needs its function and a hint")
@@ -78,8 +98,6 @@ SLIDES = "slide-formulas"
 
 def slide_formulas(assignment: Assignment) -> Change | None:
     """The variant that follows the slides to the letter."""
-    if not (assignment.directory / "mistakes.toml").exists():
-        return None
     return next((v for v in load_changes(assignment).variant if v.id == SLIDES), None)
 
 

@@ -38,7 +38,9 @@ CHECKOUT = (
     "framework", "grader", "scenes/make_meshes.py", "scenes/teapot_patches.txt", "scenes/SOURCES.md",
 )  # fmt: skip
 # Of these, what only instructors' commands use.
-INSTRUCTORS = ("bench", "check", "exact", "glbench", "package", "release", "scaffold", "starter", "visibility")
+INSTRUCTORS = (
+    "bench", "check", "exact", "glbench", "mutate", "package", "release", "report/matrix", "scaffold", "starter", "visibility",
+)  # fmt: skip
 SHORT = 16  # a marked line of fewer characters says nothing by itself: `return vec3(0.0);` and shorter ones
 
 

@@ -29,7 +29,8 @@ class Worst(BaseModel):
 class Mistake(BaseModel):
     id: str
     hint: str
-    margin: float
+    margin: float  # how many times as many inputs the truth and every other mistake leave unexplained
+    alike: list[str] = []  # declared mistakes that give the same numbers
 
 
 class Point(BaseModel):
@@ -53,6 +54,7 @@ class Check(BaseModel):
     printed: str = ""
     mistake: Mistake | None = None
     needs: list[str] = []
+    because: list[str] = []  # ids of failed checks that explain this one
     worst: Worst | None = None
     hidden: bool = False  # students see neither the scene nor its picture; reports for them leave the details out
     runs: list[Point] = []  # of an image: this submission's and the solution's; reported, never graded

@@ -148,12 +148,12 @@ def renormalised(assignment: Assignment, function: Function, rows: np.ndarray) -
     return out
 
 
-def jittered(assignment: Assignment, function: Function, rows: np.ndarray) -> list[np.ndarray]:
-    """The rows several times over, each number off by at most half a unit in float32's last place: what any float32
+def jittered(assignment: Assignment, function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
+    """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any float32
     computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon."""
     rng = np.random.default_rng(JITTERS)
     whole = np.array([c.domain.type == "int" for c in assignment.input_columns(function)])
-    size = np.where(whole, 0.0, 2.0**-24)
+    size = np.where(whole, 0.0, units * 2.0**-23)
     return [rows * (1 + size * rng.uniform(-1, 1, rows.shape)) for _ in range(JITTERS)]
 
 

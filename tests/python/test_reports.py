@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import re
+import zlib
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 from PIL import Image
 from rich.cells import cell_len
 from rich.console import Console
 
+from shadelab.expected import EDGE, INTERIOR, SceneFacts, SceneTruth
 from shadelab.report import html, terminal
 from shadelab.report.html import Pictures, write_html
 from shadelab.report.terminal import plain, print_result
-from shadelab.result import Check, Error, Mistake, Result, Worst
+from shadelab.result import Check, Error, Mistake, Point, Result, Worst
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=y> {{ 7 * 7 }} [red]no[/red] \x1b[2J\x1b]0;title\x07 \x00 \x9b31m \u202egnp.exe"
 SIDE = 300
-VOID = {"meta", "img", "br", "link"}
+VOID = {"meta", "img", "br", "link", "input"}
 
 
 def check(name: str, status: str, score: float, most: float, **rest: object) -> Check:
@@ -63,23 +67,50 @@ def result() -> Result:
     return out
 
 
+def truth_of(total: np.ndarray, mask: np.ndarray | None = None, **layers: np.ndarray) -> SceneTruth:
+    """One object in a plane; its light is all ambient."""
+    height, width = total.shape[:2]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    flat = {
+        "total": total,
+        "ambient": total,
+        "diffuse": np.zeros_like(total),
+        "specular": np.zeros_like(total),
+        "id": np.ones((height, width, 1), np.float32),
+        "depth": np.full((height, width, 1), 0.5, np.float32),
+        "normal": np.tile(np.array([0, 0, 1], np.float32), (height, width, 1)),
+        "position": np.stack([x / width, -y / height, 0 * x], axis=2),
+    }
+    lights = [
+        {"kind": 0, "position": [0.5, 0.5, 2.0], "direction": [0.0, -1.0, 0.0], "intensity": [1.0, 1.0, 1.0]},
+        {"kind": 1, "position": [0.0, 0.0, 0.0], "direction": [0.6, 0.0, -0.8], "intensity": [1.0, 1.0, 1.0]},
+    ]
+    facts = SceneFacts(eye=[0.0, 0.0, 3.0], scale=1.0, lights=lights)
+    mask = np.full((height, width), INTERIOR, np.uint8) if mask is None else mask
+    return SceneTruth(flat | layers, mask, facts, np.zeros((height, width), np.float32))
+
+
+def drawn(total: np.ndarray) -> np.ndarray:
+    """A submission's layers: all of it ambient."""
+    return np.concatenate([total, total, np.zeros((*total.shape[:2], 7), np.float32)], axis=2)
+
+
 @pytest.fixture
 def pictures() -> dict[str, Pictures]:
     rng = np.random.default_rng(1)
     expected = rng.random((SIDE, SIDE, 3), np.float32)
     limit = np.full_like(expected, 0.01)
-    mask = np.ones((SIDE, SIDE), np.uint8)
-    mask[:, 200:210] = 2
+    mask = np.full((SIDE, SIDE), INTERIOR, np.uint8)
+    mask[:, 200:210] = EDGE
     student = expected.copy()
     student[50:60] += 0.1
     student[3, 4] = np.nan
     student[5, 6, 1] = np.inf
+    ramp = np.repeat(np.linspace(0, 1, SIDE, dtype=np.float32), SIDE * 3).reshape(SIDE, SIDE, 3)
     return {
-        "cpp/image/teapot": Pictures(student, expected, mask, limit),
-        "cpp/image/knot": Pictures(
-            np.repeat(np.linspace(0, 1, SIDE, dtype=np.float32), SIDE * 3).reshape(SIDE, SIDE, 3), expected, None, limit
-        ),
-        "cpp/image/crash": Pictures(None, expected, None, limit),
+        "cpp/image/teapot": Pictures(drawn(student), truth_of(expected, mask), limit),
+        "cpp/image/knot": Pictures(drawn(ramp), truth_of(expected), limit),
+        "cpp/image/crash": Pictures(None, truth_of(expected), limit),
     }
 
 
@@ -124,17 +155,28 @@ def page(file: Path) -> Page:
 
 def test_it_needs_nothing_else(file: Path, page: Page) -> None:
     assert not re.search(r"https?:|url\(|@import", file.read_text(encoding="utf-8"))
-    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.elements}
+    assert not {"link", "iframe", "object"} & {tag for tag, _ in page.elements}
+    for script in page.all("script"):
+        assert set(script) <= {"type", "id"}
     for _, attributes in page.elements:
         assert attributes.get("src", "data:").startswith("data:")
         assert attributes.get("href", "#").startswith("#")
         assert not any(name.startswith("on") for name in attributes)
 
 
+def test_only_our_script_may_run(page: Page) -> None:
+    scripts = [attributes.get("type", "") for attributes in page.all("script")]
+    assert scripts.count("") == 1 and set(scripts) <= {"", "text/plain", "application/json"}
+    policy = next(m["content"] for m in page.all("meta") if m.get("http-equiv") == "Content-Security-Policy")
+    source = (Path(html.__file__).parent / "report.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy and "</script" not in source and "<!--" not in source
+
+
 def test_hostile_text_stays_text(file: Path, page: Page) -> None:
     assert page.open == []
     source = file.read_text(encoding="utf-8")
-    assert "<script" not in source and "<img src=x" not in source
+    assert "<script>alert" not in source and "<img src=x" not in source
     assert "<script>alert(1)</script>" in page.text and "{{ 7 * 7 }}" in page.text
     assert "␛[2J" in page.text
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", source)
@@ -169,17 +211,23 @@ def test_what_it_says(page: Page) -> None:
 def test_pictures_have_the_right_size_and_an_alt_text(page: Page) -> None:
     sizes = []
     for image in page.all("img"):
-        with Image.open(io.BytesIO(base64.b64decode(image["src"].removeprefix("data:image/png;base64,")))) as decoded:
-            assert decoded.format == "PNG"
-            assert decoded.size == (int(image["width"]), int(image["height"]))
-            sizes.append(decoded.size)
+        kind, data = re.fullmatch(r"data:image/(png|jpeg);base64,(.*)", image["src"]).groups()
+        with Image.open(io.BytesIO(base64.b64decode(data))) as decoded:
+            assert decoded.format == kind.upper()
+            size = (int(image["width"]), int(image["height"]))
+            assert decoded.size == size or kind == "jpeg" and decoded.size[0] < size[0]
+            sizes.append(size)
         assert image["alt"]
     assert sorted(sizes) == [(html.THUMBNAIL, html.THUMBNAIL)] + 4 * [(SIDE, SIDE)]
 
 
-def test_the_file_is_small(file: Path) -> None:
-    raw = 3 * 3 * SIDE * SIDE + 3 * html.THUMBNAIL**2  # two pictures of noise, one more expected, and a thumbnail
-    assert file.stat().st_size < raw * 4 / 3 + 100_000
+def test_noise_loses_detail_and_nothing_else_does() -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (600, 600, 3)).astype(np.uint8)
+    assert (
+        html.picture_uri(noise).startswith("data:image/jpeg")
+        and len(html.picture_uri(noise)) <= 4 / 3 * html.PICTURE + 99
+    )
+    assert html.picture_uri(np.zeros_like(noise)).startswith("data:image/png")
 
 
 def test_a_thousand_passed_checks_stay_small(tmp_path: Path) -> None:
@@ -211,7 +259,9 @@ def test_the_difference_picture() -> None:
     student = expected.copy()
     student[0, :, 1] += delta / 1024
     edge = np.array([[False] * 5 + [True, False]])
-    picture = html.difference(html.excess(student, expected, limit), edge, ~np.isfinite(student).all(axis=2))[0]
+    picture = html.PALETTE[
+        html.difference(html.excess(student, expected, limit), edge, ~np.isfinite(student).all(2))[0]
+    ]
     colors = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in html.RAMP]
     assert picture[0].tolist() == picture[1].tolist() == [0, 0, 0]
     assert [tuple(p) for p in picture[2:5]] == [colors[2], colors[6], colors[6]]
@@ -222,7 +272,7 @@ def test_the_difference_picture() -> None:
 def test_a_limit_of_zero_divides_nothing() -> None:
     student, expected = np.array([[[0.5, 0, 0]]], np.float32), np.array([[[0.5, 0, 1e-9]]], np.float32)
     assert html.excess(student, student, np.zeros_like(student)).item() == 0
-    assert html.excess(student, expected, np.zeros_like(student)).item() == np.inf
+    assert html.excess(student, expected, np.zeros_like(student)).item() > 1e20
 
 
 def test_the_ramp_grows_lighter_step_by_step() -> None:
@@ -248,17 +298,147 @@ def test_a_thumbnail_averages_light_and_keeps_what_is_not_finite() -> None:
 def test_the_ring_marks_the_pixel_that_the_check_names(result: Result, pictures: dict[str, Pictures]) -> None:
     one = result.checks[3]
     shown = pictures[one.id]
-    yours, expected, difference = html._figures(one, shown, "a")
+
+    def figures(check: Check) -> list[html.Figure]:
+        return html._figures(check, shown, "a", Markup(""))
+
+    yours, expected, difference = figures(one)
     assert yours.ring == expected.ring == difference.ring == (100 * 3.5 / SIDE, 100 * 4.5 / SIDE)
     assert "x 3, y 4" in difference.caption
     assert "2902 of 87000 strictly judged pixels (3 %), 100 of 3000 edge pixels (3 %)" in difference.caption
     one.worst = None
-    assert html._figures(one, shown, "a")[2].ring == (
+    assert figures(one)[2].ring == (
         100 * 4.5 / SIDE,
         100 * 3.5 / SIDE,
     )  # the first that is not finite
     one.worst = Worst(inputs={"pixel": [SIDE, "x"]}, expected=[], actual=[])
-    assert html._figures(one, shown, "a")[2].ring == (100 * 4.5 / SIDE, 100 * 3.5 / SIDE)
+    assert figures(one)[2].ring == (100 * 4.5 / SIDE, 100 * 3.5 / SIDE)
+
+
+# --- What the viewers show ---
+
+
+def unpacked(blob: str, count: int, shape: tuple[int, int], base: np.ndarray | None, against: list[int]) -> np.ndarray:
+    """As report.js does it."""
+    split = np.frombuffer(zlib.decompress(base64.b64decode(blob)), np.uint8).reshape(count, 2, *shape).astype(np.uint16)
+    out = np.empty((count, *shape), np.uint16)
+    for k, (high, low) in enumerate(split):
+        packed = high << 8 | low
+        change = packed >> 1 ^ np.where(packed & 1, np.uint16(0xFFFF), np.uint16(0))
+        out[k] = base[k] + change if k in against else change.cumsum(0, np.uint16).cumsum(1, np.uint16)
+    return out
+
+
+def test_what_is_packed_comes_back() -> None:
+    rng = np.random.default_rng(3)
+    planes = rng.integers(0, 65536, (3, 30, 40)).astype(np.uint16)
+    changed = planes.copy()
+    changed[0, 3] += 40000
+    changed[2] = rng.integers(0, 65536, (30, 40))
+    blob, against = html._packed(changed, planes[:2])
+    assert against == [0, 1]
+    assert (unpacked(blob, 3, (30, 40), planes, against) == changed).all()
+
+
+def test_half_precision() -> None:
+    values = np.array([0, 1, -1, 1 / 3, 1e-3, 3e-7, 65504, 1e9, -1e30, np.nan, np.inf, -np.inf], np.float32)
+    halves = html._halves(values).view(np.float16)
+    assert halves[7] == 65504 and halves[8] == -65504  # finite stays finite
+    keep = np.r_[0:7, 9:12]
+    np.testing.assert_array_equal(halves[keep], values[keep].astype(np.float16))
+    many = np.geomspace(1e-4, 6e4, 9999, dtype=np.float32)
+    assert (np.abs(html._halves(many).view(np.float16).astype(np.float32) / many - 1) < 2.0**-11 * 1.001).all()
+
+
+def test_steps_of_the_tolerance() -> None:
+    ratio = np.array([0, 0.2, 0.25, 1, 2, 1e6, 1e30, np.inf], np.float32)
+    steps = html._steps(ratio)
+    assert steps[:2].tolist() == [0, 0] and steps[-1] == 65535
+    np.testing.assert_allclose(2.0 ** ((steps[2:-1].astype(float) - 33) / 16), ratio[2:-1], rtol=0.022)
+
+
+def failing(count: int, side: int, noise: float) -> tuple[Result, dict[str, Pictures]]:
+    """Checks in both languages of scenes with as much noise in them."""
+    rng = np.random.default_rng(5)
+    out, pictures = Result(assignment="phong", submission="", max_score=2 * count, complete=True), {}
+    smooth = np.repeat(np.linspace(0, 1, side, dtype=np.float32), side * 3).reshape(side, side, 3)
+    for k in range(count):
+        expected = smooth + noise * rng.random((side, side, 3), np.float32)
+        for backend in ("cpp", "glsl"):
+            out.add(check(f"{backend}/image/s{k}", "failed", 0, 1))
+            own = rng.random((side, side, 13), np.float32) if noise else drawn(expected * np.float32(1.5))
+            pictures[out.checks[-1].id] = Pictures(own, truth_of(expected), np.full_like(expected, 1e-3))
+    return out, pictures
+
+
+def test_a_scene_stands_once(tmp_path: Path) -> None:
+    write_html(*failing(2, 64, 0), tmp_path / "report.html", "Two scenes")
+    ids = [s["id"] for s in Page((tmp_path / "report.html").read_text(encoding="utf-8")).all("script") if "id" in s]
+    assert sorted(ids) == [
+        "data-check-0-cpp-image-s0", "data-check-1-glsl-image-s0", "data-check-2-cpp-image-s1", "data-check-3-glsl-image-s1",
+        "data-scene-0", "data-scene-1", "viewers",
+    ]  # fmt: skip
+
+
+def test_the_page_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The values of the first, then 8 bits with a note; all within the room."""
+    monkeypatch.setattr(html, "PAGE", html.WORDS + 2_600_000)
+    monkeypatch.setattr(html, "TOTAL", 0)
+    result, pictures = failing(4, 128, 1.0)
+    write_html(result, pictures, tmp_path / "report.html", "Noise")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert (tmp_path / "report.html").stat().st_size < html.PAGE
+    noted = page.text.count("they are shown with 8 bits")
+    blobs = [s for s in page.all("script") if s.get("id", "").startswith("data-check")]
+    assert 0 < noted < 8 and len(blobs) == 8 - noted
+    assert len(page.all("img")) == 24
+
+
+# --- Hidden checks, mistakes, run times ---
+
+
+def test_hidden_checks_show_name_status_and_points(
+    result: Result, pictures: dict[str, Pictures], tmp_path: Path
+) -> None:
+    for one in result.checks:
+        if one.id in ("cpp/image/teapot", "cpp/image/knot"):
+            one.hidden, one.message, one.printed = True, "SECRET", "SECRET"
+            one.mistake = Mistake(id="SECRET", hint="SECRET", margin=1)
+            one.runs = [Point(series="SECRET", rmse=1e-3, seconds=0.1)]
+    write_html(result, pictures, tmp_path / "report.html", "Hidden")
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(source)
+    assert "SECRET" not in source and "shadelab probe" not in source
+    assert "2 / 8" in page.text and "teapot" in page.text
+    assert len(page.all("img")) == 1 and "data-scene" not in source  # only what crashed has its expected picture
+    write_html(result, pictures, tmp_path / "report.html", "Hidden", hidden_details=True)
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "SECRET" in source and "shadelab probe" in source and len(Page(source).all("img")) == 5
+
+
+def test_the_mistake_and_the_floor_are_told(page: Page) -> None:
+    text = " ".join(page.text.split())
+    assert "This looks like a known mistake. normalise" in text
+    assert "3 times as well as anything else" in text
+    assert "limit 0.001 (correct programs reach 0.00016)" in text
+    assert "Correct programs reach" in text
+
+
+def test_error_against_run_time(result: Result, tmp_path: Path) -> None:
+    image = next(c for c in result.checks if c.id == "cpp/image/teapot")
+    image.runs = [
+        Point(series="yours", rmse=0.03, seconds=0.012),
+        Point(series=HOSTILE, rmse=3e-8, seconds=0.011),
+        Point(series=HOSTILE, rmse=0.0, seconds=0.11),
+    ]
+    write_html(result, {}, tmp_path / "report.html", "Run times")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "run time is reported and never graded" in page.text
+    assert "yours, C++: 0.03, 12 ms" in page.text
+    plots = [a for a in page.all("svg") if a.get("role") == "img"]
+    assert len(plots) == 1 and "teapot" in plots[0]["aria-label"]
+    numbers = [float(n) for a in page.all("path") for n in re.findall(r"-?[0-9.]+", a["d"])]
+    assert min(numbers) >= 0 and max(numbers) <= 340
 
 
 # --- The terminal ---

@@ -163,8 +163,9 @@ def waits_for(check: Check, result: Result) -> list[str]:
 # --- The terminal ---
 
 
-def print_result(result: Result, console: Console, html: Path | None) -> None:
-    """For ten seconds: a table, the score, then a few lines for each check that failed."""
+def print_result(result: Result, console: Console, html: Path | None, hidden_details: bool = False) -> None:
+    """For ten seconds: a table, the score, then a few lines for each check that failed. Pictures that a wrong function explains
+    stand in one line."""
     narrow = console.options.ascii_only
     symbols = ASCII_SYMBOLS if narrow else SYMBOLS
 
@@ -185,17 +186,14 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
     say(first_step(result)[0])
     width = console.width - 2
-    replayed: set[str] = (
-        set()
-    )  # kinds whose replay line was shown once: the others read alike, and the HTML report has them
-    for group in _alike(in_order(result, "failed", "error")):
-        check, backends = group[0], " and ".join(BACKENDS[c.backend] for c in group)
-        possible = sum(c.max_score for c in group)
-        cost = f"  {points(sum(c.score for c in group))} of {points(possible)} points" if possible else ""
+    # Kinds whose replay line was shown once: the others read alike, and the HTML report has them.
+    replayed: set[str] = set()
+    shown_checks = [c for c in in_order(result, "failed", "error") if hidden_details or not c.hidden]
+    explained = [c for c in shown_checks if c.because]
+    for group in _alike([c for c in shown_checks if not c.because]):
+        check = group[0]
         say("")
-        kind = "" if check.kind == "function" else f"{check.kind} "
-        name = check.kind if check.kind == "build" else kind + label(check)
-        say(f"{symbols[check.status]} {name} ({backends}){cost}", _STYLES[check.status])
+        say(_heading(group, symbols), _STYLES[check.status])
         if check.status == "error":
             say(OUR_FAULT, indent=2)
         lines = plain(check.message).strip("\n").splitlines()
@@ -204,17 +202,39 @@ def print_result(result: Result, console: Console, html: Path | None) -> None:
         if len(lines) > _MESSAGE_LINES:
             say(f"… {len(lines) - _MESSAGE_LINES} more lines", indent=2)
         if check.mistake:
-            say(f"Hint: {plain(check.mistake.hint)}", indent=2)
+            say(f"Hint: {plain(check.mistake.hint)}", "bold", indent=2)
+        if check.error and check.kind == "function":
+            say(_error_line(check), indent=2)
         if check.worst:
             for line in _worst_lines(check):
                 say(_shortened(" ".join(line.split()), 3 * width), indent=2)
             if check.worst.replay and check.kind not in replayed:
                 replayed.add(check.kind)
                 for line in _command_lines(plain(check.worst.replay), width):
-                    say(line, "bold", indent=2)
+                    say(line, "cyan", indent=2)
+    if explained:
+        say("")
+        say("These pictures show what is wrong above; mend that first:")
+        for backend, name in BACKENDS.items():
+            if labels := [label(c) for c in explained if c.backend == backend]:
+                say(f"{name}: {', '.join(labels)}", indent=2)
     if html:
         say("")
         say(f"Details and pictures: {plain(shown(html))}")
+
+
+def _heading(group: list[Check], symbols: dict[str, str]) -> str:
+    check, backends = group[0], " and ".join(BACKENDS[c.backend] for c in group)
+    possible = sum(c.max_score for c in group)
+    cost = f"  {points(sum(c.score for c in group))} of {points(possible)} points" if possible else ""
+    kind = "" if check.kind == "function" else f"{check.kind} "
+    name = check.kind if check.kind == "build" else kind + label(check)
+    return f"{symbols[check.status]} {name} ({backends}){cost}"
+
+
+def _error_line(check: Check) -> str:
+    floor = "" if check.error.floor is None else f", correct programs stay below {number_short(check.error.floor)}"
+    return f"error {number_short(check.error.value)}: the limit is {number_short(check.error.limit)}{floor}"
 
 
 def _alike(checks: list[Check]) -> list[list[Check]]:
@@ -247,7 +267,8 @@ def _table(result: Result, narrow: bool) -> Table:
         table.add_column(BACKENDS[backend], no_wrap=True)
     kind = None
     wide = max(len(points(c.score)) for c in result.checks)
-    checks = in_order(result, *STATUS)
+    # Parity has no points, and is told where the languages disagree.
+    checks = [c for c in in_order(result, *STATUS) if c.kind != "parity" or c.status in ("failed", "error")]
     for this_kind, name in dict.fromkeys((c.kind, label(c)) for c in checks):
         of_backend = {c.backend: c for c in checks if (c.kind, label(c)) == (this_kind, name)}
         if this_kind != kind and kind is not None:

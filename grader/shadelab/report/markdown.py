@@ -1,0 +1,126 @@
+"""Markdown: a job's summary on GitHub, and what Gradescope shows of a check.
+
+Whatever a student controls stands in a fence that is longer than any run of backticks in it, or is escaped. Of hidden
+checks a summary has the name, the status and the points, and nothing else: it is public to the student at once.
+"""
+
+import re
+
+from shadelab.report import terminal as words
+from shadelab.report import texts
+from shadelab.result import Check, Result
+
+LIMIT = 1_000_000  # bytes. GitHub drops a step's summary beyond 1 MiB; the rest is for what else the step writes
+CUT = "\n**This summary was cut here**, because GitHub drops what is longer than 1 MiB. The HTML report has the rest.\n"
+
+
+def summary(result: Result) -> str:
+    """The whole result, to be appended to $GITHUB_STEP_SUMMARY."""
+    score, most = words.points(result.score), words.points(result.max_score)
+    # A block is never cut in two, so that no fence stays open.
+    blocks = [f"# {inline(result.assignment)}: {score} of {most} points\n"]
+    if not result.complete:
+        blocks.append("\n**Grading was cut off before its end.** This is what was earned until then.\n")
+    blocks += [f"\n{note}\n" for note in _notes(result)]
+    blocks += _table(result)
+    shown = [c for c in words.in_order(result, "failed", "error") if not c.hidden]
+    if shown:
+        blocks.append("\n## What to mend, in this order\n")
+    for check in shown:
+        cost = f", {texts.score(check)}" if check.max_score else ""
+        title = f"\n### {words.SYMBOLS[check.status]} {inline(texts.name(check))}: {words.STATUS[check.status]}{cost}\n"
+        blocks.append(f"{title}\n{details(check, result)}\n")
+    version = result.environment.get("version", "")
+    blocks.append(f"\nGraded by Shadelab {inline(version)}, submission {code(result.submission)}\n")
+    return _limited(blocks)
+
+
+def details(check: Check, result: Result) -> str:
+    """All that is known of one check, its name and points apart."""
+    parts = []
+    if check.status == "error":
+        parts.append(f"**{words.OUR_FAULT}**")
+    if check.status == "skipped" and (waiting := texts.waits_for(check, result)):
+        parts.append(f"Waits for {', '.join(map(code, waiting))}.")
+    if check.mistake:
+        parts.append(f"**This looks like a known mistake:** {inline(check.mistake.hint, texts.MESSAGE)}")
+    if check.message:
+        parts.append(fenced(texts.cut(check.message, texts.MESSAGE)))
+    if check.error:
+        parts.append(f"{inline(texts.error(check))}.")
+    if check.worst and check.status != "passed":
+        where = "The worst pixel:" if check.kind == "image" else "The worst input:"
+        parts += [where, fenced("\n".join(texts.worst(check)))]
+        if check.worst.replay:
+            parts += ["See it again:", fenced(texts.line(check.worst.replay, texts.COMMAND))]
+    if check.printed:
+        parts += ["Your code printed:", fenced(texts.cut(check.printed, texts.PRINTED))]
+    return "\n\n".join(parts)
+
+
+# --- Pieces ---
+
+
+def fenced(text: str) -> str:
+    fence = "`" * max(3, _longest_run(text) + 1)
+    return f"{fence}\n{text}\n{fence}"
+
+
+def code(text: str) -> str:
+    """In a line or a cell. The spaces keep a backtick at either end from joining the delimiter."""
+    text = texts.line(text).replace("|", "\\|")
+    run = _longest_run(text)
+    return f"{'`' * (run + 1)} {text} {'`' * (run + 1)}" if run else f"`{text or ' '}`"
+
+
+def inline(text: str, length: int = 2 * texts.LINE) -> str:
+    """In one line, with nothing in it that Markdown or HTML would act on."""
+    return re.sub(r"([\\`*_\[\]<>&|~$!#])", r"\\\1", texts.line(text, length))
+
+
+def _longest_run(text: str) -> int:
+    return max(map(len, re.findall("`+", text)), default=0)
+
+
+def _notes(result: Result) -> list[str]:
+    notes = [inline(texts.first_step(result))]
+    ours = sum(c.status == "error" for c in result.checks)
+    if ours:
+        notes.append(f"**Grader errors: {ours}.** {words.OUR_FAULT}")
+    if any(c.hidden for c in result.checks):
+        notes.append("Of hidden checks only the points are shown.")
+    return notes
+
+
+def _table(result: Result) -> list[str]:
+    """By row, so that a long one can be cut: a thing that is checked, and how it went in each language."""
+    if not result.checks:
+        return []
+    backends = [b for b in words.BACKENDS if any(c.backend == b for c in result.checks)]
+    rows: dict[tuple[str, str], dict[str, Check]] = {}
+    for check in words.in_order(result, *words.STATUS):
+        rows.setdefault((check.kind, words.label(check)), {})[check.backend] = check
+    out = [f"\n| check | {' | '.join(words.BACKENDS[b] for b in backends)} |\n|---|{'---|' * len(backends)}\n"]
+    for (kind, label), checks in rows.items():
+        name = code(label) if kind in ("build", "function") else f"{kind} {code(label)}"
+        hidden = " (hidden)" if any(c.hidden for c in checks.values()) else ""
+        out.append(f"| {name}{hidden} | {' | '.join(_cell(checks.get(b)) for b in backends)} |\n")
+    return out
+
+
+def _cell(check: Check | None) -> str:
+    if check is None:
+        return ""
+    judged = check.max_score and check.status in ("passed", "failed")
+    text = f"{words.points(check.score)} / {words.points(check.max_score)}" if judged else words.STATUS[check.status]
+    return f"{words.SYMBOLS[check.status]} {text}"
+
+
+def _limited(blocks: list[str]) -> str:
+    kept, room = [], LIMIT - len(CUT.encode())
+    for block in blocks:
+        room -= len(block.encode())
+        if room < 0:
+            return "".join(kept) + CUT
+        kept.append(block)
+    return "".join(kept)

@@ -1,0 +1,42 @@
+"""What check has found, as a table: a line for each submission, a column for each thing that must hold."""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from shadelab.check import Matrix, Row
+from shadelab.grade import LANGUAGES
+
+HEADINGS = ["submission", "kind", "C++ loses", "named", "GLSL loses", "named", "RMSE", ""]
+
+
+def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
+    """Returns how many submissions and mutants the grader missed."""
+    table = Table(title=f"{name}: what each submission loses; named: by which margin", title_justify="left")
+    for k, heading in enumerate(HEADINGS):
+        table.add_column(heading, justify="right" if 1 < k < 7 else "left", overflow="fold")
+    for row in matrix.rows:
+        table.add_row(*_cells(row))
+    console.print(table)
+    for row in matrix.rows:
+        for fault in row.faults:
+            console.print(f"{row.name}: {fault}", markup=False)
+    for mutation in matrix.mutations:
+        console.print(
+            f"{name}: {mutation.killed} mutants in {LANGUAGES[mutation.backend]} found out, {len(mutation.survivors)} survive; "
+            f"{len(mutation.equivalent)} compute the same, {mutation.stillborn} do not compile"
+        )
+        for survivor in mutation.survivors:
+            console.print(f"  survives: {survivor}", markup=False)
+    mistakes, variants = (sum(r.kind == kind for r in matrix.rows) for kind in ("mistake", "variant"))
+    missed = sum(bool(r.faults) for r in matrix.rows) + sum(len(m.survivors) for m in matrix.mutations)
+    console.print(f"{name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {missed} missed\n")
+    return missed
+
+
+def _cells(row: Row) -> list[str | Text]:
+    cells: list[str | Text] = [row.name, row.kind]
+    for backend in LANGUAGES:
+        cells += [f"{row.lost[backend]:.2f}", f"{row.named[backend]:.0f}" if backend in row.named else ""]
+    cells.append("" if row.rmse is None else f"{row.rmse:.2g}")
+    return [*cells, Text("MISSED", "bold red") if row.faults else "ok"]
