@@ -9,6 +9,7 @@ from shadelab.errors import UserError
 from shadelab.manifest import Assignment
 from shadelab.mistakes import regions
 from shadelab.paths import STARTER, shown
+from shadelab.rubric import MARK, rubric
 
 
 def starter_files(assignment: Assignment) -> dict[str, bytes]:
@@ -28,7 +29,7 @@ def starter_files(assignment: Assignment) -> dict[str, bytes]:
         out[name] = text.encode()
     out["assignment.toml"] = (assignment.directory / "assignment.toml").read_bytes()
     handout = assignment.directory / "handout.md"
-    out["handout.md"] = handout.read_bytes()
+    out["handout.md"] = handout.read_text().replace(MARK, rubric(assignment)).encode()
     for picture in re.findall(r"\]\(((?!https?:)[^)#]+\.(?:png|svg))\)", handout.read_text()):
         file = assignment.directory / picture
         if not file.is_file():
