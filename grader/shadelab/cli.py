@@ -448,6 +448,41 @@ def _short(value) -> str:
     return text if len(value) == 1 else f"({text})"
 
 
+@app.command()
+def probe(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="a scene file, for example scenes/phong/sphere.toml")],
+    pixel: Annotated[str, typer.Argument(metavar="X,Y", help="which pixel; 0,0 is the one at the top left")],
+    shading: Annotated[
+        Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")
+    ] = None,
+    json_: Annotated[
+        Optional[str], typer.Option("--json", metavar="FILE|-", help="also write everything here; - is stdout")
+    ] = None,
+) -> None:
+    """Printf for shaders: what takes part at one pixel, and what every function gives there.
+
+    Shows n, v, x, the material and, for each light, l and h, then the values of all functions: C++, GLSL, and what is expected
+    where that may be shown. What is off is marked; the last line names the first function that is wrong.
+    """
+    from shadelab.probe import as_json, pixel_of, print_probe
+    from shadelab.probe import probe as run_probe
+
+    if not scene.is_file():
+        raise UserError(f"{shown(scene)}: cannot be read; does the file exist? Scenes stand in {shown(SCENES)}")
+    if json_ and json_ != "-" and not Path(json_).absolute().parent.is_dir():
+        raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
+    place = pixel_of(pixel)
+    declared = _assignment_of_scene(scene, shading)
+    own = declared.directory if (declared.directory / declared.files[0]).exists() else ROOT / declared.name
+    with progress_bar() as progress:
+        found = run_probe(declared, scene, place, shading or own, progress)
+    if json_ == "-":
+        print(as_json(found), end="")
+    elif json_:
+        Path(json_).write_text(as_json(found))
+    print_probe(found, errors if json_ == "-" else Console(highlight=False))
+
+
 # ------------------------------------------------------------------------------------------ instructors' commands
 
 

@@ -67,11 +67,11 @@ def diagnose(
         hint = " Or: ".join(dict.fromkeys(c.hint for c in [first, *alike]))
         named = Mistake(id=first.id, hint=hint, margin=round(margin, 2), alike=[c.id for c in alike])
         return Diagnosis(named, first.function)
-    return _pair(known, explained, wrong, left[first.id])
+    return _pair(known, explained, wrong, left[first.id], judgement.check.id.split("/")[-1])
 
 
 def _pair(
-    known: list[Candidate], explained: Mapping[str, np.ndarray], wrong: np.ndarray, best: int
+    known: list[Candidate], explained: Mapping[str, np.ndarray], wrong: np.ndarray, best: int, judged: str
 ) -> Diagnosis | None:
     """Two mistakes of which each shows on inputs of its own: a missing gate, say, and another exponent."""
     part = {c.id: int((explained[c.id] & wrong).sum()) for c in known}
@@ -91,6 +91,7 @@ def _pair(
     if left > UNEXPLAINED * wrong.sum() or margin < MARGIN:
         return None
     # The first by data flow: a mistake of a called function comes before one of its caller's.
+    one, two = sorted((one, two), key=lambda c: c.function == judged)
     return Diagnosis(Mistake(id=one.id, hint=one.hint, margin=round(margin, 2)), one.function, two)
 
 

@@ -98,6 +98,7 @@ class Followed:
 class FunctionJudgement:
     check: Check
     table: Table  # by which it was judged: with follow-through, another truth
+    followed: bool
     wrong: np.ndarray  # (N,) bool
 
 
@@ -133,7 +134,7 @@ def judge_function(
         status="passed" if passed else "failed",
         score=points * (1.0 if passed else credit(float(wrong.mean()))),
         max_score=points,
-        error=Error(name="scaled", value=largest if np.isfinite(largest) else None, limit=limit, floor=floor),
+        error=Error(name="scaled", value=_finite(largest), limit=limit, floor=limit / FACTOR),
         needs=[f"{backend}/build"],
     )
     if not passed:
@@ -144,7 +145,7 @@ def judge_function(
             expected=_result(columns, table.truth[worst_row]),
             actual=_result(columns, actual[worst_row]),
         )
-    return FunctionJudgement(check, table, wrong)
+    return FunctionJudgement(check, table, followed is not None, wrong)
 
 
 def judge_parity(
@@ -166,7 +167,7 @@ def judge_parity(
     check = Check(
         id=f"glsl/parity/{function.name}", kind="parity", backend="glsl", status="failed" if wrong.any() else "passed",
         score=0.0, max_score=0.0, needs=["cpp/build", "glsl/build"],
-        error=Error(name="scaled", value=_finite(error.max()), limit=limit, floor=floor),
+        error=Error(name="scaled", value=_finite(error.max()), limit=limit, floor=limit / FACTOR),
     )  # fmt: skip
     if wrong.any():
         row = int(np.argmax(error.max(axis=1)))
@@ -348,7 +349,7 @@ def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, la
     fraction = 1.0 if share <= most else credit(share)
     if not finite.all() or edge_share > EDGE_CAP:
         fraction = min(fraction, 0.5)
-    check.error = Error(name="interior violations", value=share, limit=most, floor=truth.facts.share)
+    check.error = Error(name="interior violations", value=share, limit=most, floor=most / FACTOR)
     check.score = points * fraction
     if fraction < 1:
         check.status = "failed"

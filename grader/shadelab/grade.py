@@ -16,6 +16,7 @@ import numpy as np
 
 from shadelab import __version__, intake, reference
 from shadelab.build import FUNCTIONS, BuildError, Recipe, glue_folder
+from shadelab.customrun import Job, Verdict, run_checks
 from shadelab.diagnosis import Candidate, Diagnosis, candidates, diagnose
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
@@ -30,7 +31,7 @@ from shadelab.findings import (
     judge_parity,
 )
 from shadelab.follow import Reference
-from shadelab.manifest import Assignment, Function, Scene, find_assignment, named_arrays
+from shadelab.manifest import Assignment, CustomCheck, Function, Scene, find_assignment, named_arrays
 from shadelab.mistakes import load_changes, with_bodies
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
@@ -59,14 +60,14 @@ class Plan:
     kind: str
     backend: str
     points: float
-    item: Function | Scene | None  # None: the build
+    item: Function | Scene | CustomCheck | None  # None: the build
     calls: list[str] = field(
         default_factory=list
     )  # of a scene: which of the assignment's functions the framework calls
 
 
 def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]]:
-    """Per backend, in the order of the data flow. Points of a function or scene are halved between the languages.
+    """Per backend, in the order of the data flow. Points are halved between the languages.
 
     A backend of which a check is wanted is built; the build's own check stands first.
     """
@@ -83,6 +84,7 @@ def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]
             calls = {m["model"] for m in read_toml(scene.file).get("material", {}).values()} | {"incident_light"}
             own = [f.name for f in assignment.functions if f.name in calls]
             wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, own))
+        wanted += [Plan(f"{backend}/custom/{c.name}", "custom", backend, c.points / 2, c) for c in assignment.custom]
         wanted = [p for p in wanted if fnmatch(p.id, only)]
         plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
     if all(plans.values()):  # where the two languages disagree; without points
@@ -167,7 +169,9 @@ def _absent(plan: Plan) -> bool:
 
 def _parity(plan: Plan, expected: Expected, assignment: Assignment, judged: list[tuple]) -> Check:
     (cpp, in_cpp), (glsl, in_glsl) = judged
-    passed = [b for b, j in zip(BACKENDS, (in_cpp, in_glsl)) if j is not None and j.check.status == "passed"]
+    # What is right given something wrong differs with that, and says nothing of its own.
+    plain = [(b, j) for b, j in zip(BACKENDS, (in_cpp, in_glsl)) if j is not None and not j.followed]
+    passed = [b for b, j in plain if j.check.status == "passed"] if len(plain) == 2 else []
     if cpp is None or glsl is None or not passed:
         needs = [f"{b}/function/{plan.item.name}" for b in BACKENDS]
         return _check(plan, "skipped", "neither language has it right yet" if not passed else "", needs)
@@ -202,6 +206,7 @@ class _BackendGrader:
         self.outputs: dict[str, np.ndarray] = {}  # by function: what came on its table
         self.judged: dict[str, FunctionJudgement] = {}
         self.diagnoses: dict[str, Diagnosis] = {}
+        self.drawn: dict[str, Output] = {}  # by scene: custom checks ask for pictures, too
 
     def record(self, check: Check, *arguments, **options) -> None:
         self.recorded.add(check.id)
@@ -237,6 +242,7 @@ class _BackendGrader:
         # Functions first: a scene whose model never ends would only use up the time again.
         self.functions()
         self.images([p for p in self.plans if isinstance(p.item, Scene)])
+        self.custom([p for p in self.plans if isinstance(p.item, CustomCheck)])
 
     def build(self) -> None:
         """In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes need."""
@@ -395,6 +401,7 @@ class _BackendGrader:
     def image(self, plan: Plan, output: Output) -> None:
         truth = self.expected.scene(plan.item)
         layers, shape = output.array, (*truth.total.shape[:2], TERM_CHANNELS)
+        self.drawn[plan.item.name] = output
         if layers is not None and layers.shape == shape:
             judged = judge_image(plan.item, self.backend, plan.points, truth, layers)
             check, limit = judged.check, judged.limit
@@ -406,6 +413,7 @@ class _BackendGrader:
         else:
             failure = output.failure or f"gave an image of another size: {layers.shape}"
             check = _check(plan, "failed", f"{plan.item.name}: the render {failure}")
+            self.drawn[plan.item.name] = Output(failure=failure)
             layers, limit = None, np.ones_like(truth.total)
         if check.status == "failed":
             self.blame(plan, check)
@@ -423,6 +431,31 @@ class _BackendGrader:
         if check.because:
             names = [id.split("/")[-1] for id in check.because]
             check.message += f"; it is drawn with {_and(names)}, which {'is' if len(names) == 1 else 'are'} wrong"
+
+    # ------------------------------------------------------------------------------------------------- custom checks
+
+    def custom(self, plans: list[Plan]) -> None:
+        if not plans:
+            return
+        folder = self.folder / f"{self.backend}-custom"
+        folder.mkdir()
+        drawn = {name: folder / f"{name}.npy" for name, output in self.drawn.items() if output.array is not None}
+        for name, file in drawn.items():
+            np.save(file, self.drawn[name].array)
+        job = Job(
+            assignment=str(self.assignment.directory),
+            backend=self.backend,
+            submission=str(self.folder / "submission"),
+            expected=str(self.expected.folder),
+            folder=str(folder),
+            checks=[plan.item.name for plan in plans],
+            drawn={name: str(file) for name, file in drawn.items()},
+            undrawn={name: output.failure for name, output in self.drawn.items() if output.array is None},
+            hung=[id.split("/")[-1] for id in self.hung],
+        )
+        by_name = {plan.item.name: plan for plan in plans}
+        for verdict in run_checks(self.assignment, job):
+            self.record(_of_verdict(by_name[verdict.check], verdict))
 
 
 def _outputs(runner: CppRunner | GlslRunner, plans: list[Plan], tasks: list[Task]):
@@ -454,6 +487,15 @@ def _check(plan: Plan, status: str, message: str = "", needs: list[str] | None =
 
 def _our_fault(plan: Plan, error: InfrastructureError) -> Check:
     return _check(plan, "error", f"not the submission's fault: {error}")
+
+
+def _of_verdict(plan: Plan, verdict: Verdict) -> Check:
+    if verdict.status == "error":
+        return _our_fault(plan, InfrastructureError(verdict.message))
+    check = _check(plan, verdict.status, verdict.message, verdict.needs)
+    check.score = plan.points if verdict.status == "passed" else 0.0
+    check.seconds, check.printed = round(verdict.seconds, 4), verdict.printed
+    return check
 
 
 def _finished(check: Check, output: Output) -> Check:

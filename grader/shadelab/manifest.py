@@ -1,9 +1,11 @@
 """What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this."""
 
+import ast
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -128,6 +130,13 @@ class Scene:
     hidden: bool = False  # students see neither its picture nor its file
 
 
+class CustomCheck(NamedTuple):
+    """A pytest function in checks/test_*.py: `linearity` is test_linearity (custom.py). Points are for both languages together."""
+
+    name: str
+    points: float
+
+
 @dataclass
 class Assignment:
     name: str
@@ -145,6 +154,20 @@ class Assignment:
         """The public ones, then those drawn from hidden.toml."""
         drawn = hidden_scene_files(self.hidden, self.directory, self.name)
         return [*self.public_scenes, *(Scene(file.stem, file, points, hidden=True) for file, points in drawn)]
+
+    @property
+    def check_files(self) -> list[Path]:
+        return sorted((self.directory / "checks").glob("test_*.py"))
+
+    @cached_property
+    def custom(self) -> list[CustomCheck]:
+        """By files and functions. They are read and not run: who only wants ids and points needs neither pytest nor time."""
+        out = [check for file in self.check_files for check in _custom_checks(file)]
+        names = [check.name for check in out]
+        for name in names:
+            if names.count(name) > 1:
+                raise UserError(f"{shown(self.directory / 'checks')}: two functions are called test_{name}; rename one")
+        return out
 
     def function(self, name: str) -> Function:
         for function in self.functions:
@@ -176,7 +199,7 @@ class Assignment:
     @property
     def points(self) -> float:
         scenes = sum(s.points for s in self.public_scenes) + sum(f.points * f.scenes for f in self.hidden.family)
-        return sum(f.points for f in self.functions) + scenes
+        return sum(f.points for f in self.functions) + scenes + sum(c.points for c in self.custom)
 
 
 def named_arrays(columns: list[Column], rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -234,6 +257,27 @@ def load_assignment(directory: Path) -> Assignment:
                     f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument"
                 )
     return assignment
+
+
+def _custom_checks(file: Path) -> Iterator[CustomCheck]:
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError) as error:
+        raise UserError(f"{shown(file)}:{getattr(error, 'lineno', None) or 1}: {error.args[0]}") from None
+    for node in tree.body:
+        if not isinstance(node, ast.FunctionDef) or not node.name.startswith("test_"):
+            continue
+        points = 0.0
+        for call in (d for d in node.decorator_list if isinstance(d, ast.Call) and isinstance(d.func, ast.Attribute)):
+            where = f"{shown(file)}:{call.lineno}: {node.name}"
+            if call.func.attr == "parametrize":
+                raise UserError(f"{where}: one function is one check; loop inside of it instead of parametrize")
+            if call.func.attr == "points":
+                value = call.args[0].value if len(call.args) == 1 and isinstance(call.args[0], ast.Constant) else None
+                if type(value) not in (int, float) or call.keywords:
+                    raise UserError(f"{where}: points takes a number and nothing else, as in @pytest.mark.points(2)")
+                points = float(value)
+        yield CustomCheck(node.name.removeprefix("test_"), points)
 
 
 def _check_gates(assignment: Assignment, function: Function, file: Path) -> None:

@@ -39,7 +39,7 @@ CHECKOUT = (
 )  # fmt: skip
 # Of these, what only instructors' commands use.
 INSTRUCTORS = (
-    "bench", "check", "exact", "glbench", "mutate", "package", "release", "report/matrix", "scaffold", "starter", "visibility",
+    "bench", "check", "exact", "glbench", "mutate", "package", "release", "report/matrix", "rubric", "scaffold", "starter", "visibility",
 )  # fmt: skip
 SHORT = 16  # a marked line of fewer characters says nothing by itself: `return vec3(0.0);` and shorter ones
 

@@ -1,5 +1,7 @@
 """How an assignment is graded, in Markdown, for its handout: from the manifest and from the numbers that findings.py grades by."""
 
+from textwrap import fill
+
 from shadelab.findings import EDGE_CAP, FACTOR, FULL_MARKS, LITTLE, MISTAKE, NO_MARKS, credit
 from shadelab.manifest import Assignment
 from shadelab.tables import ROWS
@@ -11,7 +13,7 @@ def rubric(assignment: Assignment) -> str:
     """Replaces MARK in a handout."""
     graded = [f for f in assignment.functions if f.graded]
     functions, images = sum(f.points for f in graded), assignment.points - sum(f.points for f in graded)
-    custom = sum(points for _, points in getattr(assignment, "custom", []))
+    custom = sum(c.points for c in assignment.custom)
     images -= custom
     hidden = sum(f.points * f.scenes for f in assignment.hidden.family)
     lines = [
@@ -35,7 +37,7 @@ def rubric(assignment: Assignment) -> str:
         "|---|---:|",
         *(f"| `{f.name}`: {f.summary} | {_points(f.points)} |" for f in graded),
         *(f"| scene `{s.name}` | {_points(s.points)} |" for s in assignment.public_scenes),
-        *(f"| `{name}`, in both languages | {_points(points)} |" for name, points in getattr(assignment, "custom", [])),
+        *(f"| `{c.name}`: a check of its own | {_points(c.points)} |" for c in assignment.custom),
         *([f"| scenes that you do not see | {_points(hidden)} |"] if hidden else []),
         f"| **all**: functions {_points(functions)}, scenes {_points(images)}"
         + (f", further checks {_points(custom)}" if custom else "")
@@ -43,7 +45,7 @@ def rubric(assignment: Assignment) -> str:
     ]
     if hidden:
         lines += ["", "The hidden scenes are like those above, with other lights and materials, the same for everyone."]
-    return "\n".join(lines)
+    return "\n".join(line if line.startswith("|") else fill(line, 120) for line in lines)
 
 
 def _points(value: float) -> str:

@@ -150,11 +150,15 @@ def renormalised(assignment: Assignment, function: Function, rows: np.ndarray) -
 
 def jittered(assignment: Assignment, function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
     """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any float32
-    computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon."""
+    computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; equal numbers of a row stay
+    equal, so that a spotlight without a ramp has none."""
     rng = np.random.default_rng(JITTERS)
     whole = np.array([c.domain.type == "int" for c in assignment.input_columns(function)])
     size = np.where(whole, 0.0, units * 2.0**-23)
-    return [rows * (1 + size * rng.uniform(-1, 1, rows.shape)) for _ in range(JITTERS)]
+    first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)  # of each number, the first column that holds it
+    return [
+        rows * (1 + size * np.take_along_axis(rng.uniform(-1, 1, rows.shape), first, axis=1)) for _ in range(JITTERS)
+    ]
 
 
 def on_gate(function: Function, drawn: int, rows: int) -> np.ndarray:

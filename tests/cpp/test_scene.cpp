@@ -262,6 +262,20 @@ TEST_CASE("the camera sees the target in the middle and the field of view from e
     CHECK(ndc(camera.eye + forward + 2.0 * right * std::tan(glm::radians(30.0))).x == Approx(1).epsilon(1e-12));
 }
 
+TEST_CASE("the camera's shift moves the picture on the film, and nothing nearer or farther") {
+    Camera camera = load(good).camera;
+    const glm::dmat4 still = camera.world_to_clip(2);
+    camera.shift = {2.0 / 64, -4.0 / 48};  // of a film of 64 x 48: a pixel to the right, two down
+    const glm::dmat4 moved = camera.world_to_clip(2);
+    Random random(17);
+    for (int k = 0; k < 100; ++k) {
+        const glm::dvec4 p(random.in_box(2), 1);
+        const glm::dvec4 a = still * p, b = moved * p;
+        CHECK(glm::length(glm::dvec2(b) / b.w - glm::dvec2(a) / a.w - camera.shift) < 1e-14);
+        CHECK((b.z == a.z && b.w == a.w));
+    }
+}
+
 TEST_CASE("every mistake in a scene file is one line with file, line and key") {
     const struct {
         const char *from, *to;  // the change to the good file

@@ -7,6 +7,7 @@ import pytest
 
 from conftest import ROOT
 from shadelab.manifest import assignment_names, load_assignment
+from shadelab.rubric import MARK
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 every_assignment = pytest.mark.parametrize("assignment", ASSIGNMENTS, ids=lambda a: a.name)
@@ -43,18 +44,22 @@ def test_every_function_carries_the_same_contract_in_both_languages(assignment):
 
 @every_assignment
 def test_the_handout_tells_the_points(assignment):
-    handout = (assignment.directory / "handout.md").read_text()
+    """Generated from the manifest, in the section on grading."""
+    source = (assignment.directory / "handout.md").read_text()
+    assert source.count(MARK) == 1 and MARK in source[source.index("How it is graded") :]
+    handout = (ROOT / "starter" / assignment.name / "handout.md").read_text()
     table = handout[handout.index("| check | points |") :].split("\n\n")[0]
     told = {}
     for row in table.splitlines()[2:]:
-        names, points = row.strip("|").split("|")
-        for name in re.findall(r"`([\w-]+)`", names) or ["hidden"]:
-            told[name] = float(re.search(r"[\d.]+", points)[0])
+        name, points = row.strip("|").rsplit("|", 1)
+        found = re.search(r"`([\w-]+)`", name)
+        told[found[1] if found else name.strip()] = float(re.search(r"[\d.]+", points)[0])
     wanted = {f.name: f.points for f in assignment.functions if f.graded}
     wanted |= {s.name: s.points for s in assignment.public_scenes}
     assert {name: points for name, points in told.items() if name in wanted} == wanted
-    hidden = [s.points for s in assignment.scenes if s.hidden]
-    assert told["hidden"] in (sum(hidden), *set(hidden)) and "hidden" in table
+    assert told["scenes that you do not see"] == sum(s.points for s in assignment.scenes if s.hidden)
+    [total] = [points for name, points in told.items() if name.startswith("**all**")]
+    assert total == assignment.points == sum(told.values()) - total
 
 
 @every_assignment

@@ -43,7 +43,7 @@ def test_starter_has_little_and_is_told_why(grade):
 def test_forgotten_exponent_costs_what_it_touches_in_both_languages(grade, submission):
     change = {LOBE_END: LOBE_END.replace("return exp(q * log1p(-x));", "return 1.0 - x;")}
     result = grade(submission(cpp=change, glsl=change))
-    touched = {f"{b}/function/{f}" for b in ("cpp", "glsl") for f in ("phong_lobe", "phong")}
+    touched = {f"{b}/function/phong_lobe" for b in ("cpp", "glsl")}  # and not phong, which is right given this lobe
     touched |= {
         f"{b}/image/{s.name}"
         for b in ("cpp", "glsl")
@@ -53,7 +53,11 @@ def test_forgotten_exponent_costs_what_it_touches_in_both_languages(grade, submi
     present = {c["id"] for c in result["checks"] if c["status"] != "skipped"}
     assert failed(result) == touched & present
     assert "specular is wrong, ambient and diffuse are right" in result["by_id"]["cpp/image/sphere"]["message"]
-    assert "only in specular" in result["by_id"]["glsl/function/phong"]["message"]
+    for backend in ("cpp", "glsl"):
+        assert result["by_id"][f"{backend}/function/phong"]["message"] == "right, given what your phong_lobe gives"
+        assert result["by_id"][f"{backend}/image/sphere"]["because"] == [f"{backend}/function/phong_lobe"]
+        for id in (f"{backend}/function/phong_lobe", f"{backend}/image/sphere"):
+            assert result["by_id"][id]["mistake"]["id"] == "phong-lobe-exponent-forgotten"
 
 
 @pytest.mark.parametrize("language, error", [("cpp", "expected"), ("glsl", "syntax error")])

@@ -38,7 +38,9 @@ def differing_scenes(assignment, folder, scenes, tmp_path, samples="1"):
     """Scenes whose image with --full is not the lean one, bit for bit. The lean plugin holds what the scenes need alone."""
     sandbox = Sandbox(tmp_path / "build")
     loops = sorted({loop for scene in scenes for loop in needs(scene, assignment)["loops"]})
-    lean = build_plugin(assignment, folder / "shading.cpp", sandbox, Recipe(functions=False, loops=tuple(loops), terms=False))
+    lean = build_plugin(
+        assignment, folder / "shading.cpp", sandbox, Recipe(functions=False, loops=tuple(loops), terms=False)
+    )
     full = build_plugin(assignment, folder / "shading.cpp", sandbox)
     options = ["--samples", samples]
     return [
@@ -97,7 +99,9 @@ def test_only_the_loops_that_a_scene_needs_are_compiled():
 
 def test_a_plugin_without_the_loop_is_refused(tmp_path):
     phong = ASSIGNMENTS["phong"]
-    plugin = build_plugin(phong, phong.directory / "shading.cpp", Sandbox(tmp_path / "b"), Recipe(loops=("phong_spot",)))
+    plugin = build_plugin(
+        phong, phong.directory / "shading.cpp", Sandbox(tmp_path / "b"), Recipe(loops=("phong_spot",))
+    )
     command = [RENDER, "image", ROOT / "scenes/phong/sphere.toml", "--assignment", phong.directory]
     done = subprocess.run([*command, "--plugin", plugin.file], capture_output=True, text=True)
     assert done.returncode == 3 and "was built without phong_point" in done.stderr

@@ -305,7 +305,7 @@ def test_the_ring_marks_the_pixel_that_the_check_names(result: Result, pictures:
     yours, expected, difference = figures(one)
     assert yours.ring == expected.ring == difference.ring == (100 * 3.5 / SIDE, 100 * 4.5 / SIDE)
     assert "x 3, y 4" in difference.caption
-    assert "2902 of 87000 strictly judged pixels (3 %), 100 of 3000 edge pixels (3 %)" in difference.caption
+    assert "2902 of 87000 interior pixels (3 %), 100 of 3000 edge pixels (3 %)" in difference.caption
     one.worst = None
     assert figures(one)[2].ring == (
         100 * 4.5 / SIDE,
@@ -419,7 +419,7 @@ def test_hidden_checks_show_name_status_and_points(
 def test_the_mistake_and_the_floor_are_told(page: Page) -> None:
     text = " ".join(page.text.split())
     assert "This looks like a known mistake. normalise" in text
-    assert "3 times as well as anything else" in text
+    assert "3 times fewer of your values unexplained than anything else" in text
     assert "limit 0.001 (correct programs reach 0.00016)" in text
     assert "Correct programs reach" in text
 

@@ -5,10 +5,10 @@ import pytest
 
 from conftest import ROOT
 from shadelab.errors import UserError
-from shadelab.expected import load
 from shadelab.hidden import Family, Hidden, Variation, hidden_scene_files
-from shadelab.manifest import Function, load_assignment, named_arrays
-from shadelab.tables import jittered, make_table, on_gate, renormalised
+from shadelab.manifest import Function, assignment_names, load_assignment, named_arrays
+from shadelab.reference import FRAGMENTS, load
+from shadelab.tables import ROWS, jittered, make_table, on_gate, renormalised
 from shadelab.toml_files import read_toml
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -31,7 +31,9 @@ def test_directions_near_the_opposite_of_an_axis():
 def test_gates_hold_their_constants_and_copies():
     arguments = [{"a": REAL}, {"b": REAL}, {"c": "rgb"}]
     function, rows, drawn = table_of(arguments=arguments, gates=[{"a": 0.25, "b": "a"}, {"c": [1, 0, 1]}])
-    gate = on_gate(function, len(rows))
+    gate = on_gate(function, len(rows), len(rows) + 100)  # a hundred from scenes: none of them is on a gate by design
+    assert not gate[len(rows) :].any()
+    gate = gate[: len(rows)]
     assert gate.sum() == len(rows) // 8
     first, second = slice(0, None, 16), slice(1, None, 16)
     assert (drawn["a"][first] == 0.25).all() and (drawn["b"][first] == 0.25).all()
@@ -58,9 +60,28 @@ def test_rounding_leaves_the_horizon_alone():
         assert (np.sum(near[-216:, 0:3] * near[-216:, 3:6], axis=1)[np.sum(exact[-216:, 0:3] * exact[-216:, 3:6], axis=1) == 0] == 0).all()  # fmt: skip
 
 
-def test_the_floor_is_small_where_nothing_is_divided_by_little():
+def test_rounding_of_inputs_moves_little_where_nothing_is_divided_by_little():
     table = load(PHONG).table(PHONG.function("half_vector"))
-    assert 0 < np.median(table.floor) < 1e-7
+    assert 0 < np.median(table.conditioning) < 1e-7
+
+
+@pytest.mark.parametrize("name", assignment_names())
+def test_tables_also_hold_what_scenes_ask(name):
+    """Every model and incident_light is judged by fragments, too, and so is what they call: with each lamp's own numbers."""
+    assignment = load_assignment(ROOT / "solution" / name)
+    expected = load(assignment)
+    recorded = {f.name: expected.table(f).rows[expected.table(f).drawn :] for f in assignment.functions}
+    assert all(expected.table(f).drawn == ROWS for f in assignment.functions)
+    assert all(len(rows) <= FRAGMENTS for rows in recorded.values())
+    callees = {c for f, called in expected.facts.calls.items() if len(recorded[f]) for c in called}
+    without = {f for f, rows in recorded.items() if not len(rows)}
+    assert not without & callees
+    assert sum(f.graded and f.name in without for f in assignment.functions) <= 1, without
+    for function in assignment.functions:
+        columns = named_arrays(assignment.input_columns(function), recorded[function.name])
+        for value in function.values:
+            if value.domain.kind in ("unit", "upper") and len(recorded[function.name]):
+                np.testing.assert_allclose(np.linalg.norm(columns[value.name], axis=1), 1, atol=1e-5)
 
 
 # ------------------------------------------------------------------------------------------------- hidden scenes

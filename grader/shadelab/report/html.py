@@ -19,7 +19,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from PIL import Image
 
-from shadelab.expected import EDGE, SceneTruth
+from shadelab.expected import BACKGROUND, EDGE, INTERIOR, SceneTruth
 from shadelab.report import terminal as words
 from shadelab.result import Check, Point, Result
 
@@ -364,7 +364,10 @@ def _figures(check: Check, pictures: Pictures, anchor: str, expected: Markup) ->
     bad = ~_every(np.isfinite(pictures.student))
     edge = pictures.truth.mask == EDGE
     place = _worst_place(check, np.where(edge, 0.0, ratio))
-    parts = [(~edge, "strictly judged pixels"), (edge, "edge pixels")]
+    mask = pictures.truth.mask
+    parts = [(mask == INTERIOR, "interior pixels"), (edge, "edge pixels")]
+    if ((ratio > 1) & (mask == BACKGROUND)).any():
+        parts.append((mask == BACKGROUND, "background pixels"))
     counts = [_count((ratio > 1) & where, where, name) for where, name in parts if where.any()]
     worst = f"Beyond the tolerance: {', '.join(counts)}."
     ring = None

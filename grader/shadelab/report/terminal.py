@@ -205,7 +205,7 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
             say(f"Hint: {plain(check.mistake.hint)}", "bold", indent=2)
         if check.error and check.kind == "function":
             say(_error_line(check), indent=2)
-        if check.worst:
+        if check.worst and check.kind != "parity":  # its function's check shows the like
             for line in _worst_lines(check):
                 say(_shortened(" ".join(line.split()), 3 * width), indent=2)
             if check.worst.replay and check.kind not in replayed:
