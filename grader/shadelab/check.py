@@ -125,6 +125,8 @@ def _judge_mistake(row: Row, change: Change, backend: str, grading: Grading, ass
     others = [id for id in row.failed[backend] if id != own and "/function/" in id]
     if others:
         row.faults.append(f"{', '.join(others)}: fails although only {change.function} is wrong")
-    allowed = {p.id for plans in plan_checks(assignment).values() for p in plans if p.kind in ("image", "parity")}
+    allowed = {
+        p.id for plans in plan_checks(assignment).values() for p in plans if p.kind in ("image", "parity", "custom")
+    }
     if beyond := [id for id in row.failed[backend] if id != own and id not in others and id not in allowed]:
         row.faults.append(f"{', '.join(beyond)}: fails although {change.function} has no part in it")

@@ -247,6 +247,7 @@ class GlslRunner:
                 while True:
                     over = client.done()
                     progress.read()
+                    self.gl = progress.gl or self.gl
                     while given < progress.ended:
                         yield first + given, self._output(jobs[first + given], progress.results[given])
                         given += 1
@@ -259,7 +260,6 @@ class GlslRunner:
                 raise InfrastructureError(
                     "the OpenGL client did not start: " + (last[-1] if last else outcome.explain(Limits(START_SECONDS)))
                 )
-            self.gl = progress.gl
             if given < len(jobs) - first:
                 limits = jobs[first + given][2]
                 output = Output(hung=outcome.timed_out, seconds=limits.seconds if outcome.timed_out else 0.0)

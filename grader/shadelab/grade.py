@@ -206,7 +206,9 @@ class _BackendGrader:
         self.outputs: dict[str, np.ndarray] = {}  # by function: what came on its table
         self.judged: dict[str, FunctionJudgement] = {}
         self.diagnoses: dict[str, Diagnosis] = {}
-        self.drawn: dict[str, Output] = {}  # by scene: custom checks ask for pictures, too
+        # By scene, the file of what was drawn or why nothing was: custom checks ask for pictures, too.
+        self.drawn: dict[str, Path] = {}
+        self.undrawn: dict[str, str] = {}
 
     def record(self, check: Check, *arguments, **options) -> None:
         self.recorded.add(check.id)
@@ -384,9 +386,7 @@ class _BackendGrader:
                 check = _check(plan, "skipped", message)
                 check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
                 self.record(check)
-            elif waiting := [
-                id for id in (f"{self.backend}/function/{name}" for name in plan.calls) if id in self.hung
-            ]:
+            elif waiting := sorted(self.hung & {f"{self.backend}/function/{name}" for name in self.used(plan)}):
                 message = f"{waiting[0].split('/')[-1]} did not end in its own check"
                 self.record(_check(plan, "skipped", message, waiting))
             else:
@@ -401,8 +401,11 @@ class _BackendGrader:
     def image(self, plan: Plan, output: Output) -> None:
         truth = self.expected.scene(plan.item)
         layers, shape = output.array, (*truth.total.shape[:2], TERM_CHANNELS)
-        self.drawn[plan.item.name] = output
         if layers is not None and layers.shape == shape:
+            if self.assignment.custom:
+                self.drawn[plan.item.name] = file = self.folder / f"{self.backend}-custom" / f"{plan.item.name}.npy"
+                file.parent.mkdir(exist_ok=True)
+                np.save(file, layers)
             judged = judge_image(plan.item, self.backend, plan.points, truth, layers)
             check, limit = judged.check, judged.limit
             check.runs = [Point(**run) for run in truth.facts.runs]
@@ -413,15 +416,19 @@ class _BackendGrader:
         else:
             failure = output.failure or f"gave an image of another size: {layers.shape}"
             check = _check(plan, "failed", f"{plan.item.name}: the render {failure}")
-            self.drawn[plan.item.name] = Output(failure=failure)
+            self.undrawn[plan.item.name] = failure
             layers, limit = None, np.ones_like(truth.total)
         if check.status == "failed":
             self.blame(plan, check)
         self.record(_finished(check, output), Pictures(layers, truth, limit))
 
+    def used(self, plan: Plan) -> set[str]:
+        """The functions that a scene is drawn with."""
+        return with_callees(set(plan.calls), self.expected.facts.calls)
+
     def blame(self, plan: Plan, check: Check) -> None:
         """Of the functions that the scene draws with, the first that is wrong explains the picture."""
-        used = with_callees(set(plan.calls), self.expected.facts.calls)
+        used = self.used(plan)
         for function in self.assignment.functions:
             if function.name in used and function.name in self.diagnoses:
                 check.mistake = self.diagnoses[function.name].mistake
@@ -438,10 +445,6 @@ class _BackendGrader:
         if not plans:
             return
         folder = self.folder / f"{self.backend}-custom"
-        folder.mkdir()
-        drawn = {name: folder / f"{name}.npy" for name, output in self.drawn.items() if output.array is not None}
-        for name, file in drawn.items():
-            np.save(file, self.drawn[name].array)
         job = Job(
             assignment=str(self.assignment.directory),
             backend=self.backend,
@@ -449,8 +452,8 @@ class _BackendGrader:
             expected=str(self.expected.folder),
             folder=str(folder),
             checks=[plan.item.name for plan in plans],
-            drawn={name: str(file) for name, file in drawn.items()},
-            undrawn={name: output.failure for name, output in self.drawn.items() if output.array is None},
+            drawn={name: str(file) for name, file in self.drawn.items()},
+            undrawn=self.undrawn,
             hung=[id.split("/")[-1] for id in self.hung],
         )
         by_name = {plan.item.name: plan for plan in plans}

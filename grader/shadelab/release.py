@@ -69,6 +69,9 @@ def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
     own = out / "assignments" / assignment.name
     own.mkdir(exist_ok=True)
     shutil.copy(assignment.directory / "assignment.toml", own)
+    for file in assignment.check_files:  # they give points here, too, and say nothing of how the solution does it
+        (own / "checks").mkdir(exist_ok=True)
+        shutil.copy(file, own / "checks")
     shipped = out / "expected" / assignment.name
     shipped.mkdir(parents=True, exist_ok=True)
     for file in public_files(made, assignment):

@@ -5,27 +5,51 @@ import re
 import subprocess
 
 import pytest
+from typer.testing import CliRunner
 
 from conftest import ROOT
+from shadelab import check as checking
+from shadelab import mutate as mutating
 from shadelab.build import glue_folder
-from shadelab.check import _judge, involved
+from shadelab.check import _judge
+from shadelab.cli import app
 from shadelab.errors import UserError
 from shadelab.grade import grade
 from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import Change, callers, load_changes, regions, with_bodies, write_submission
+from shadelab.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
+from shadelab.mutate import Mutant, mutants
+from shadelab.reference import load
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
+DECLARED = load_changes(PHONG)
+SIGN = next(m for m in DECLARED.mistake if m.id == "mirror-sign")
+VARIANT = DECLARED.variant[0]
 
 
-def row_for(tmp_path, kind, function, body):
-    change = Change(id="made-up", function=function, hint="-", body=body)
+def row_for(tmp_path, kind, function, body, id="made-up"):
+    change = Change(id=id, function=function, hint="-", body=body)
     write_submission(PHONG, change, tmp_path / "made-up")
-    return _judge(PHONG, "made-up", kind, change, grade(PHONG, tmp_path / "made-up", only="cpp/function/*"))
+    only = f"*/function/{function}"
+    return _judge(PHONG, "made-up", kind, change, grade(PHONG, tmp_path / "made-up", only=only), False)
+
+
+def test_a_mistake_that_is_named_in_both_languages_is_well(tmp_path):
+    row = row_for(tmp_path, "mistake", SIGN.function, "return reflect(l, n);", SIGN.id)
+    assert row.faults == [] and set(row.named) == {"cpp", "glsl"} and min(row.named.values()) >= 3
+    assert min(row.lost.values()) > 0 and row.rmse is None
 
 
 def test_a_mistake_that_changes_nothing_is_missed(tmp_path):
     row = row_for(tmp_path, "mistake", "mirror_direction", "return reflect(-l, n);")
-    assert "cpp/function/mirror_direction does not see it" in row.faults
+    for backend in ("cpp", "glsl"):
+        assert f"{backend}/function/mirror_direction does not see it" in row.faults
+
+
+def test_a_mistake_under_another_name_is_missed(tmp_path):
+    row = row_for(tmp_path, "mistake", "mirror_direction", SIGN.body)
+    assert "cpp/function/mirror_direction calls it mirror-sign" in row.faults
+    row = row_for(tmp_path / "2", "mistake", "mirror_direction", "return 3.0 * dot(n, l) * n - 1.5 * l;")
+    assert any("mirror_direction does not name it" in fault for fault in row.faults)
 
 
 def test_a_variant_that_is_wrong_is_reported(tmp_path):
@@ -38,15 +62,91 @@ def test_a_mistake_that_does_not_compile_is_reported(tmp_path):
     assert any("does not build" in fault for fault in row.faults)
 
 
-def test_who_is_involved():
-    assert callers(PHONG, {"half_vector"}) == {"half_vector", "blinn_lobe", "blinn_phong", "blinn_phong_ngan"}
-    checks = involved(PHONG, {"half_vector"})
-    assert "cpp/function/blinn_phong" in checks and "glsl/image/knot" in checks
-    assert "cpp/function/phong" not in checks and "cpp/image/sphere" not in checks
-    # Through code that is already written, and through what the framework calls for every light.
-    lights = load_assignment(ROOT / "solution" / "lights")
-    assert "cpp/image/albedo" in involved(lights, {"diffuse"}) and "glsl/image/cosine" in involved(lights, {"diffuse"})
-    assert involved(lights, {"distance_falloff"}) >= {"cpp/image/hidden-studio", "cpp/function/incident_light"}
+def declare(monkeypatch, mistakes=(), variants=(), mutate=(), bred=None, equivalent=()):
+    """Instead of what phong's mistakes.toml says."""
+    changes = Changes(mutate=mutate, mistake=mistakes, variant=variants, equivalent=equivalent)
+    for module in (checking, mutating):
+        monkeypatch.setattr(module, "load_changes", lambda assignment: changes)
+    if bred is not None:
+        monkeypatch.setattr(mutating, "mutants", bred)
+
+
+@pytest.fixture
+def check(monkeypatch):
+    """The command for phong with few declarations and mutants, all about the mirror direction: (exit code, what it prints)."""
+
+    def run(**declared):
+        declare(monkeypatch, **declared)
+        narrow = {"only": "*/function/mirror_direction"}
+        monkeypatch.setattr(checking, "grade", lambda *a, **k: grade(*a, **{**k, **narrow}))
+        done = CliRunner().invoke(app, ["check", "phong"], env={"COLUMNS": "200"})
+        return done.exit_code, done.stdout
+
+    return run
+
+
+SAME = "mirror_direction: the same in other words"
+
+
+def few(function, body):
+    """Each kind of change once, but for the arguments of dot, whose order is nothing."""
+    chosen = {re.sub(r"[\d.]+", "", m.id.split(" in ")[0]): m for m in mutants(function, body) if "swapped" not in m.id}
+    return list(chosen.values())
+
+
+def alive(function, body):
+    return [Mutant(SAME, function, "    return -reflect(l, n);\n")]
+
+
+def test_what_is_declared_is_checked_and_mutants_are_bred(check):
+    code, printed = check(mistakes=[SIGN], variants=[VARIANT], mutate=["mirror_direction"], bred=few)
+    assert code == 0, printed
+    for name in ("solution", "starter", "mirror-sign", VARIANT.id):
+        assert re.search(rf"^\W*{name} .* ok\b", printed, re.MULTILINE), printed
+    for language in ("C++", "GLSL"):
+        found = re.search(rf"phong: (\d+) mutants in {re.escape(language)} found out, 0 survive", printed)
+        assert found and int(found[1]) >= 3, printed
+    assert "1 mistakes and 1 correct variants in 2 languages, 0 missed" in printed
+
+
+def test_a_mistake_that_nobody_sees_gives_exit_1(check):
+    unseen = Change(id="unseen", function="mirror_direction", hint="-", body="return reflect(-l, n);")
+    code, printed = check(mistakes=[unseen])
+    assert code == 1 and "unseen: cpp/function/mirror_direction does not see it" in printed and "MISSED" in printed
+
+
+def test_a_mutant_that_survives_gives_exit_1(check):
+    code, printed = check(mutate=["mirror_direction"], bred=alive)
+    assert code == 1 and f"survives: {SAME}" in printed and "0 mutants in C++ found out, 1 survive" in printed
+
+
+def mutations(folder):
+    return mutating.mutate(PHONG, load(PHONG), folder, lambda what, done, total: None)
+
+
+def test_a_mutant_that_is_listed_as_equivalent_may_survive(monkeypatch, tmp_path):
+    listed = [Equivalent(id=SAME, reason="two signs cancel")]
+    declare(monkeypatch, mutate=["mirror_direction"], bred=alive, equivalent=listed)
+    for mutation in mutations(tmp_path / "1"):
+        assert mutation.survivors == [] and mutation.equivalent == [SAME]
+    # One that is killed, or does not exist, is listed in vain.
+    stale = [*listed, Equivalent(id="mirror_direction: gone", reason="was there once")]
+    declare(monkeypatch, mutate=["mirror_direction"], bred=alive, equivalent=stale)
+    with pytest.raises(UserError, match="no surviving mutant is called mirror_direction: gone"):
+        mutations(tmp_path / "2")
+
+
+def test_functions_that_are_called_are_mutated_with_their_caller(monkeypatch, tmp_path):
+    bred = []
+
+    def stillborn(function, body):
+        bred.append(function)
+        return [Mutant(f"{function}: nonsense", function, "    return nonsense;\n")]
+
+    declare(monkeypatch, mutate=["phong_lobe"], bred=stillborn)
+    for mutation in mutations(tmp_path):
+        assert (mutation.killed, mutation.stillborn, mutation.survivors) == (0, 2, [])
+    assert bred == ["mirror_direction", "phong_lobe"] * 2
 
 
 @pytest.mark.parametrize("name", assignment_names())

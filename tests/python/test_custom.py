@@ -65,13 +65,12 @@ def test_ids_and_points_are_known_beforehand():
 
 
 def test_the_solution_is_linear(grade):
-    """With pictures that the grading has drawn, and with those that the check draws itself."""
-    for only in ("*/custom/*", "*/*/linearity*"):
-        result = grade(LIGHTS, only=only, assignment="lights")
-        for id in BOTH:
-            check = result["by_id"][id]
-            assert check["status"] == "passed" and check["score"] == check["max_score"] == 1
-            assert check["kind"] == "custom" and check["needs"] == [id.split("/")[0] + "/build"]
+    """By pictures that the grading has drawn; test_fixtures has them drawn by the check itself."""
+    result = grade(LIGHTS, only="*/*/linearity*", assignment="lights")
+    for id in BOTH:
+        check = result["by_id"][id]
+        assert check["status"] == "passed" and check["score"] == check["max_score"] == 1
+        assert check["kind"] == "custom" and check["needs"] == [id.split("/")[0] + "/build"]
 
 
 def test_the_starter_is_not(grade):
@@ -93,7 +92,8 @@ def test_what_is_not_linear_fails_with_its_numbers(grade, submission):
 def test_a_picture_that_does_not_add_up_fails(grade, submission):
     """Code that remembers what it did: each call by itself is right, three calls are not."""
     change = {
-        "return kd * e;": "static thread_local int calls = 0;\n    return ++calls > 99999 ? 0.5 * kd * e : kd * e;"
+        "return kd * e;": "static std::atomic<int> calls{0};\n    return ++calls > 20000 ? 0.5 * kd * e : kd * e;",
+        "#include <shadelab/shading.hpp>\n": "#include <atomic>\n#include <shadelab/shading.hpp>\n",
     }
     check = grade(submission("lights", cpp=change), only="cpp/custom/*", assignment="lights")["by_id"][BOTH[0]]
     assert check["status"] == "failed"

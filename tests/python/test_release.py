@@ -80,7 +80,8 @@ def test_it_holds_what_its_assignment_needs_and_no_other(released, name):
     assignment, out, _ = released(name)
     given = [g.name for g in given_assignments(assignment)]
     assert sorted(f.name for f in (out / "assignments").iterdir()) == sorted([name, *given])
-    assert [f.name for f in (out / "assignments" / name).iterdir()] == ["assignment.toml"]
+    files = {str(f.relative_to(out / "assignments" / name)) for f in (out / "assignments" / name).rglob("*.*")}
+    assert files == {"assignment.toml", *(f"checks/{f.name}" for f in assignment.check_files)}
     assert [f.name for f in (out / "expected").iterdir()] == [name]
     for scene in assignment.public_scenes:
         assert (out / "scenes" / scene.file.relative_to(ROOT / "scenes")).is_file()

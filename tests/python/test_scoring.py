@@ -1,0 +1,147 @@
+"""What gives points, and how many; and what a result may say."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+from shadelab.expected import Table
+from shadelab.findings import LITTLE, MISTAKE, NO_MARKS, credit, judge_function
+from shadelab.grade import grade, plan_checks, write_worst_inputs
+from shadelab.manifest import assignment_names, load_assignment
+from shadelab.mistakes import regions, with_bodies
+from shadelab.report import formats
+from shadelab.report.html import write_html
+
+PHONG = load_assignment(ROOT / "solution" / "phong")
+SEED = "the-seed-that-nobody-reads-8341"
+every_assignment = pytest.mark.parametrize(
+    "assignment", [load_assignment(ROOT / "solution" / name) for name in assignment_names()], ids=lambda a: a.name
+)
+
+
+def test_the_curve_of_partial_credit():
+    shares = np.concatenate([[0], np.geomspace(1e-6, 1, 500)])
+    curve = np.array([credit(share) for share in shares])
+    assert (np.diff(curve) <= 0).all() and (curve >= 0).all()
+    assert (curve <= 1 - MISTAKE).all() and MISTAKE >= 0.25  # whatever is wrong loses something
+    assert credit(1e-6) == credit(LITTLE) == 1 - MISTAKE
+    assert credit(1e-2) == pytest.approx(credit(LITTLE) / 2)
+    assert credit(0.99 * NO_MARKS) > 0 == credit(NO_MARKS) == credit(1.0)
+    assert NO_MARKS == 0.1
+
+
+@pytest.mark.parametrize("wrong, share", [(0, 1.0), (1, 0.75), (4, 0.75), (41, 0.37), (409, 0.0), (4096, 0.0)])
+def test_points_of_a_function(wrong, share):
+    rows = np.zeros((4096, 6), np.float32)
+    truth = np.ones((4096, 3))
+    actual = truth.astype(np.float32)
+    actual[:wrong] *= 2
+    table = Table(rows, truth, np.zeros_like(truth), len(rows))
+    check = judge_function(PHONG, PHONG.function("half_vector"), "cpp", 4.0, table, 0.0, actual).check
+    assert check.score == pytest.approx(4 * share, abs=0.03) and check.max_score == 4
+    assert (check.status == "passed") == (wrong == 0) == (check.score == check.max_score)
+
+
+@every_assignment
+def test_points_come_from_the_manifest_and_half_of_them_from_each_language(assignment):
+    plans = plan_checks(assignment)
+    points = {backend: sum(p.points for p in chain) for backend, chain in plans.items()}
+    assert points == {"cpp": assignment.points / 2, "glsl": assignment.points / 2, "parity": 0}
+    everything = [p for chain in plans.values() for p in chain]
+    assert len({p.id for p in everything}) == len(everything)
+    assert sum(p.points for p in everything if p.kind == "image") >= 0.4 * assignment.points
+    for function in assignment.functions:
+        of_it = [p.points for p in everything if p.item is function and p.kind == "function"]
+        assert of_it == ([function.points / 2] * 2 if function.graded else [])
+
+
+# ------------------------------------------------------------------------- a small assignment with a seed of its own
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """Phong with two scenes, one of them drawn from SEED, and a submission with a wrong half vector and a wrong lobe."""
+    folder = tmp_path_factory.mktemp("small")
+    for name in ("lights", "phong"):
+        shutil.copytree(ROOT / "solution" / name, folder / "solution" / name)
+    shutil.copytree(ROOT / "scenes" / "phong", folder / "scenes" / "phong")
+    (folder / "scenes" / "meshes").symlink_to(ROOT / "scenes" / "meshes")
+    own = folder / "solution" / "phong"
+    (own / "mistakes.toml").unlink()  # to evaluate them takes the most time, and names what is not asked for here
+    manifest = (own / "assignment.toml").read_text().split("[[scene]]")[0]
+    (own / "assignment.toml").write_text(manifest + '[[scene]]\nfile = "../../scenes/phong/knot.toml"\npoints = 20\n')
+    (own / "hidden.toml").write_text(
+        f'seed = "{SEED}"\n[[family]]\nname = "knots"\nbase = "../../scenes/phong/knot.toml"\npoints = 20\n'
+        'vary = [{ key = "light[0].position", low = [1, 1, 1], high = [2, 3, 4] }]\n'
+    )
+    submission = folder / "submission"
+    submission.mkdir()
+    for file in PHONG.files:
+        text = (own / file).read_text()
+        changed = {"half_vector": "return 0.5 * (l + v);"}
+        assert set(changed) <= set(regions(text, own / file))
+        (submission / file).write_text(with_bodies(text, own / file, changed))
+    return load_assignment(own), submission
+
+
+@pytest.fixture(scope="module")
+def gradings(small, tmp_path_factory):
+    """The same twice, with all reports; (Grading, folder) each."""
+    assignment, submission = small
+    out = []
+    for _ in range(2):
+        folder = tmp_path_factory.mktemp("out")
+
+        def rewrite(result, folder=folder):
+            for name in formats.FORMATS:
+                formats.write(name, result, folder)
+
+        grading = grade(assignment, submission, folder, only="*/[fip]*/*[hk][an][lo]*", rewrite=rewrite)
+        write_worst_inputs(assignment, grading, submission, folder)
+        rewrite(grading.result)
+        write_html(grading.result, grading.pictures, folder / "report.html", assignment.title)
+        out.append((grading, folder))
+    return out
+
+
+def test_grading_twice_gives_the_same(gradings):
+    def comparable(folder):
+        data = json.loads((folder / "result.json").read_text())
+        for check in data["checks"]:
+            assert {"seconds", "runs"} <= set(check)
+            del check["seconds"], check["runs"]
+            if check["worst"]:
+                check["worst"]["replay"] = check["worst"]["replay"].replace(str(folder), "OUT")
+        return data
+
+    one, two = (comparable(folder) for _, folder in gradings)
+    assert one == two and one["complete"]
+    status = {c["id"]: c["status"] for c in one["checks"]}
+    assert status["cpp/image/knot"] == status["glsl/image/hidden-knots"] == "failed"
+
+
+def test_nothing_tells_the_seed(gradings, small):
+    assignment, _ = small
+    grading, folder = gradings[0]
+    assert grading.result.environment["seed_digest"] == assignment.hidden.seed_digest
+    assert SEED not in assignment.hidden.seed_digest and len(assignment.hidden.seed_digest) >= 16
+    files = [f for f in folder.rglob("*") if f.is_file()]
+    assert {"result.json", "report.html"} < {f.name for f in files}
+    assert len([f for f in files if f.suffix in (".json", ".xml", ".md")]) == 1 + len(formats.FORMATS)
+    for file in files:
+        assert SEED.encode() not in file.read_bytes(), file.name
+
+
+def test_hidden_scenes_are_marked_in_the_result_and_left_out_of_reports(gradings):
+    grading, folder = gradings[0]
+    hidden = {c.id: c for c in grading.result.checks if c.hidden}
+    assert set(hidden) == {"cpp/image/hidden-knots", "glsl/image/hidden-knots"}
+    page = (folder / "report.html").read_text()
+    for check in hidden.values():
+        assert check.status == "failed" and check.message and check.worst
+        assert check.message not in page
+        for value in check.worst.expected:  # the visible knot has other lights, and no such number
+            assert f"{value:.6g}" not in page
