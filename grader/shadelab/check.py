@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from shadelab import reference
+from shadelab.expected import with_callers
 from shadelab.grade import BACKENDS, Grading, grade, plan_checks
 from shadelab.manifest import Assignment
 from shadelab.mistakes import SUBTLE, Change, load_changes, write_submission
@@ -18,7 +19,6 @@ from shadelab.paths import STARTER
 from shadelab.sandbox import work_folder
 
 STARTER_LIMIT = 0.15
-TABLES = "*/function/*"
 
 
 @dataclass
@@ -54,8 +54,13 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
         folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
         if change is not None:
             write_submission(assignment, change, folder)
-        only = TABLES if kind == "mistake" and not images else "*"
-        row = _judge(assignment, name, kind, change, grade(assignment, folder, only=only), images)
+        # What a mistake may change: its own function and those that call it.
+        only: str | set[str] = "*"
+        if kind == "mistake" and not images:
+            functions = with_callers({change.function}, expected.facts.calls)
+            only = {f"{backend}/function/{name}" for backend in BACKENDS for name in functions}
+        grading = grade(assignment, folder, only=only, pictures=False)
+        row = _judge(assignment, name, kind, change, grading, images)
         shutil.rmtree(scratch / name, ignore_errors=True)
         done += 1
         progress(f"{assignment.name}: {name}", done, len(subjects))
@@ -72,14 +77,9 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
 def worst_rmse(assignment: Assignment, grading: Grading) -> float | None:
     """Over all numbers of linear float images; infinite when one is missing or not finite."""
     public = {scene.name for scene in assignment.public_scenes}
-    worst = None
-    for id, pictures in grading.pictures.items():
-        if id.split("/")[-1] in public:
-            actual = pictures.student
-            known = actual is not None and np.isfinite(actual).all()
-            off = actual.astype(np.float64) - pictures.expected if known else np.inf
-            worst = max(worst or 0.0, float(np.sqrt(np.mean(np.square(off)))))
-    return worst
+    drawn = [c for c in grading.result.checks if c.kind == "image" and c.id.split("/")[-1] in public]
+    yours = [next((run.rmse for run in c.runs if run.series == "yours"), np.inf) for c in drawn if c.max_score]
+    return max(yours, default=None)
 
 
 def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, grading: Grading, images: bool) -> Row:

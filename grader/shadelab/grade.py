@@ -66,11 +66,16 @@ class Plan:
     )  # of a scene: which of the assignment's functions the framework calls
 
 
-def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]]:
+def plan_checks(assignment: Assignment, only: str | set[str] = "*") -> dict[str, list[Plan]]:
     """Per backend, in the order of the data flow. Points are halved between the languages.
 
-    A backend of which a check is wanted is built; the build's own check stands first.
+    A backend of which a check is wanted is built; the build's own check stands first. only: a shell pattern for ids, or a set
+    of ids.
     """
+
+    def is_wanted(id: str) -> bool:
+        return fnmatch(id, only) if isinstance(only, str) else id in only
+
     plans: dict[str, list[Plan]] = {}
     for backend in BACKENDS:
         build = Plan(f"{backend}/build", "build", backend, 0.0, None)
@@ -85,11 +90,11 @@ def plan_checks(assignment: Assignment, only: str = "*") -> dict[str, list[Plan]
             own = [f.name for f in assignment.functions if f.name in calls]
             wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, own))
         wanted += [Plan(f"{backend}/custom/{c.name}", "custom", backend, c.points / 2, c) for c in assignment.custom]
-        wanted = [p for p in wanted if fnmatch(p.id, only)]
-        plans[backend] = [build, *wanted] if wanted or fnmatch(build.id, only) else []
+        wanted = [p for p in wanted if is_wanted(p.id)]
+        plans[backend] = [build, *wanted] if wanted or is_wanted(build.id) else []
     if all(plans.values()):  # where the two languages disagree; without points
         pairs = [Plan(f"glsl/parity/{f.name}", "parity", "glsl", 0.0, f) for f in assignment.functions if f.graded]
-        plans["parity"] = [p for p in pairs if fnmatch(p.id, only)]
+        plans["parity"] = [p for p in pairs if is_wanted(p.id)]
     return plans
 
 
@@ -97,7 +102,7 @@ def grade(
     assignment: Assignment,
     submission: Path,
     out: Path | None = None,
-    only: str = "*",
+    only: str | set[str] = "*",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     rewrite: Callable[[Result], None] = lambda result: None,
     pictures: bool = True,
@@ -105,7 +110,7 @@ def grade(
     """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks;
     `rewrite` is called as often, for further reports that shall survive. pictures: keep the images, for the HTML report.
 
-    `only` restricts to checks whose id matches a shell pattern; a backend without any is not built.
+    `only` restricts to checks whose id matches a shell pattern or is in a set; a backend without any is not built.
     """
     glue_folder(assignment.directory)  # once, before two threads want it
     expected = reference.load(assignment, progress)
@@ -302,11 +307,12 @@ class _BackendGrader:
                 judgement.check.message = f"right, given what your {_and(wrong)} gives"
                 return judgement.check
         found = diagnose(judgement, actual, limit, known, members)
-        if found is None and followed is not None:
+        written = len(np.unique(actual, axis=0)) > 1  # one that always gives the same is not written yet
+        if found is None and followed is not None and written:
             found = diagnose(other, actual, limit, self._followed_mistakes(function, wrong), members)
         check = judgement.check
         if found is None:
-            if len(np.unique(actual, axis=0)) > 1:  # one that always gives the same is not written yet
+            if written:
                 check.message += "; not a mistake that the grader knows"
         else:
             self.diagnoses[function.name] = found
@@ -339,7 +345,7 @@ class _BackendGrader:
     def reference(self) -> Reference:
         return Reference(self.assignment, self.solution, Sandbox(self.folder / f"{self.backend}-reference"))
 
-    def _follow(self, function: Function, wrong: list[str], reference: Reference | None = None) -> Followed | None:
+    def _follow(self, function: Function, wrong: list[str]) -> Followed | None:
         """The reference with the outputs of the student's functions that are wrong, and how far rounding of the inputs moves it: a
         wrong function may be wilder than the right one. None when this asks for nothing."""
         if self.solution is None:
@@ -349,7 +355,7 @@ class _BackendGrader:
         exact = renormalised(self.assignment, function, table.rows)
         # Wider than the truth's own: the arguments of the calls were rounded on their way, too.
         inputs = np.concatenate([exact, *jittered(self.assignment, function, exact, units=2.0)])
-        results = (reference or self.reference).with_recorded(function, inputs, callees, self._evaluate)
+        results = self.reference.with_recorded(function, inputs, callees, self._evaluate)
         if results is None:
             return None
         followed, *moved = results.reshape(-1, *table.truth.shape)
@@ -367,13 +373,16 @@ class _BackendGrader:
     def _followed_mistakes(self, function: Function, wrong: list[str]) -> list[Candidate]:
         """The function's own mistakes, on top of those of the functions that it calls."""
         out, file = [], self.assignment.directory / "shading.cpp"
+        callees = [self.assignment.function(name) for name in wrong]
+        exact = renormalised(self.assignment, function, self.expected.table(function).rows)
         for number, change in enumerate(load_changes(self.assignment).mistake):
             if change.function == function.name:
                 text = with_bodies(self.solution, file, change.bodies_for("cpp"))
                 sandbox = Sandbox(self.folder / f"{self.backend}-mistake-{number}")
-                followed = self._follow(function, wrong, Reference(self.assignment, text, sandbox, change.id))
-                if followed is not None:
-                    out.append(Candidate(change.id, change.function, change.hint, followed.truth))
+                mistaken = Reference(self.assignment, text, sandbox, change.id)
+                results = mistaken.with_recorded(function, exact, callees, self._evaluate)
+                if results is not None:
+                    out.append(Candidate(change.id, change.function, change.hint, results))
         return out
 
     # -------------------------------------------------------------------------------------------------------- images

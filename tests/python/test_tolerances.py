@@ -1,11 +1,13 @@
 """Limits are measured, not chosen: how far correct programs stray, and how much room is left to them."""
 
 import re
+import subprocess
 
 import numpy as np
 import pytest
 
 from conftest import ROOT
+from shadelab.build import Recipe, build_plugin
 from shadelab.evidence import Draw, Evaluate, GlslRunner
 from shadelab.expected import INTERIOR, Table, missing_meshes
 from shadelab.findings import (
@@ -20,6 +22,7 @@ from shadelab.findings import (
 from shadelab.grade import grade
 from shadelab.manifest import assignment_names, load_assignment
 from shadelab.mistakes import load_changes
+from shadelab.paths import RENDER
 from shadelab.reference import PLAIN, load
 from shadelab.sandbox import Sandbox
 
@@ -110,11 +113,6 @@ def test_pictures_leave_a_factor_of_three_to_the_solution_in_glsl(assignment, tm
 
 def test_a_shift_of_a_pixel_moves_the_picture_by_a_pixel(shadelab, tmp_path):
     """The noise is measured by shifting: --shift of the renderer, as a picture of its own shows it."""
-    import subprocess
-
-    from shadelab.build import Recipe, build_plugin
-    from shadelab.paths import RENDER
-
     plugin = build_plugin(
         PHONG,
         PHONG.directory / "shading.cpp",
