@@ -683,6 +683,8 @@ def test(
     ).returncode
     # -I: a submission's numpy.py in the working folder must never be imported by us.
     command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
+    # A file's tests stay together: they share what their fixtures have graded.
+    command += ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
     command += [] if slow else ["-m", "not slow and not oracle"]
     command += ["-k", select] if select else []
     python = subprocess.run(command, cwd=ROOT, env=environment).returncode

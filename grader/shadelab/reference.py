@@ -1,6 +1,7 @@
 """Makes the expected data of an assignment from its solution: the truth in double, what correct programs differ by, and what the
 declared mistakes give. No student's code takes part."""
 
+import fcntl
 import hashlib
 import json
 import os
@@ -44,7 +45,11 @@ def load(assignment: Assignment, progress: Callable[[str, int, int], None] = lam
     name = digest(assignment)
     folder = EXPECTED / assignment.name / name
     if not (folder / "done").exists():
-        make(assignment, folder, name, progress)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with open(folder.parent / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # whoever wants the same waits for it
+            if not (folder / "done").exists():
+                make(assignment, folder, name, progress)
     os.utime(folder)  # its age counts from the last use
     return Expected(folder)
 
@@ -85,8 +90,7 @@ def digest(assignment: Assignment) -> str:
 
 
 def make(assignment: Assignment, folder: Path, name: str, progress: Callable[[str, int, int], None]) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    # Its own: two runs may make the same data at once.
+    # Its own: two runs may make the same data at once, where the file system knows no locks.
     scratch = Path(tempfile.mkdtemp(prefix="making-", dir=folder.parent))
     try:
         _Making(assignment, scratch, progress).all()
@@ -107,7 +111,7 @@ def make(assignment: Assignment, folder: Path, name: str, progress: Callable[[st
             unused = time.time() - other.stat().st_mtime
         except FileNotFoundError:
             continue
-        if other != folder and unused > 3600:
+        if other.is_dir() and other != folder and unused > 3600:
             shutil.rmtree(other, ignore_errors=True)
 
 
