@@ -55,7 +55,7 @@ class Table:
 
 @dataclass
 class Facts:
-    calls: dict[str, list[str]]  # function -> those of the assignment that it calls itself
+    calls: dict[str, list[str]]  # function -> those of the assignment that it calls, directly or through others
     loops: list[str]  # the shading loops that the scenes need
     # function -> backend -> program -> its largest scaled error: what correct programs differ by
     spread: dict[str, dict[str, dict[str, float]]]
