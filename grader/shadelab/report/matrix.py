@@ -21,7 +21,8 @@ def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
         table.add_column(heading, justify="right" if 1 < k < 7 else "left", no_wrap=True)
     for row in matrix.rows:
         table.add_row(*_cells(row))
-    console.print(table, width=max(console.width, WIDTH), crop=False)
+    console.width = max(console.width, WIDTH)
+    console.print(table)
     for row in matrix.rows:
         for fault in row.faults:
             console.print(f"{row.name}: {fault}", markup=False, soft_wrap=True)
