@@ -206,7 +206,7 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
         if check.error and check.kind == "function":
             say(_error_line(check), indent=2)
         if check.worst and check.kind != "parity":  # its function's check shows the like
-            for line in _worst_lines(check):
+            for line in worst_lines(check):
                 say(_shortened(" ".join(line.split()), 3 * width), indent=2)
             if check.worst.replay and check.kind not in replayed:
                 replayed.add(check.kind)
@@ -289,7 +289,7 @@ def _cell(check: Check | None, symbols: dict[str, str], wide: int) -> Text:
     return Text(f"{symbols[check.status]} {words}", _STYLES[check.status])
 
 
-def _worst_lines(check: Check) -> Iterator[str]:
+def worst_lines(check: Check) -> Iterator[str]:
     """The input in one line, the result in another: all of a vector, the wrong components of anything larger."""
     inputs = (f"{plain(name)} = {_tuple(value)}" for name, value in check.worst.inputs.items())
     if check.worst.inputs:

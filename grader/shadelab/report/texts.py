@@ -44,7 +44,7 @@ def error(check: Check) -> str:
 
 def worst(check: Check) -> list[str]:
     """The input or pixel that is farthest off, what was expected there, and what came."""
-    return [line(text, COMMAND) for text in words._worst_lines(check)]
+    return [line(text, COMMAND) for text in words.worst_lines(check)]
 
 
 def first_step(result: Result) -> str:
