@@ -420,8 +420,8 @@ def test_the_mistake_and_the_floor_are_told(page: Page) -> None:
     text = " ".join(page.text.split())
     assert "This looks like a known mistake. normalise" in text
     assert "3 times fewer of your values unexplained than anything else" in text
-    assert "limit 0.001 (correct programs reach 0.00016)" in text
-    assert "Correct programs reach" in text
+    assert "limit 0.001 (correct programs stay below 0.00016)" in text
+    assert "Correct programs stay below" in text
 
 
 def test_error_against_run_time(result: Result, tmp_path: Path) -> None:
