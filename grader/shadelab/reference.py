@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +115,22 @@ def make(assignment: Assignment, folder: Path, name: str, progress: Callable[[st
             shutil.rmtree(other, ignore_errors=True)
 
 
+@dataclass
+class Drawn:
+    """What one correct program drew. In files: the images of all programs at once would take gigabytes of memory."""
+
+    name: str
+    folder: Path
+    seconds: dict[str, float] = field(default_factory=dict)  # by scene, of one cold frame
+
+    def add(self, scene: Scene, output: Output) -> None:
+        np.save(self.folder / f"{scene.name}.npy", output.array[..., :3])
+        self.seconds[scene.name] = output.frame
+
+    def total(self, scene: Scene) -> np.ndarray:
+        return np.load(self.folder / f"{scene.name}.npy")
+
+
 class _Making:
     def __init__(self, assignment: Assignment, folder: Path, progress: Callable[[str, int, int], None]) -> None:
         self.assignment, self.folder, self.progress = assignment, folder, progress
@@ -141,7 +157,7 @@ class _Making:
             recorded = {key: array for arrays in mistakes for key, array in arrays.items()}
         np.savez_compressed(self.folder / "mistakes.npz", **recorded)
         for scene in self.scenes:
-            self._finish_scene(scene, truths[scene.name], double, [images for images in drawn if images])
+            self._finish_scene(scene, truths[scene.name], double, drawn)
         mistakes = [{"id": m.id, "function": m.function, "hint": m.hint} for m in self.changes.mistake]
         facts = Facts(self.calls, list(self.loops), self.spread, mistakes, self.gl)
         (self.folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
@@ -169,14 +185,15 @@ class _Making:
             raise UserError(f"{shown(self.assignment.directory)}: {what} does not compile: {error.message}") from None
         return runner
 
-    def _outputs(self, runner: CppRunner | GlslRunner, tasks: list[Task], what: str) -> list[Output]:
-        out = []
+    def _run(self, runner: CppRunner | GlslRunner, tasks: list[Task], what: str) -> Iterator[Output]:
         for task, output in runner.run(tasks):
             name = task.function.name if isinstance(task, Evaluate) else task.scene.name
             if output.array is None:
                 raise UserError(f"{shown(self.assignment.directory)}: {what}: {name} {output.failure}")
-            out.append(output)
-        return out
+            yield output
+
+    def _outputs(self, runner: CppRunner | GlslRunner, tasks: list[Task], what: str) -> list[Output]:
+        return list(self._run(runner, tasks, what))
 
     # -------------------------------------------------------------------------------------------------------- scenes
 
@@ -209,7 +226,7 @@ class _Making:
             truth.facts.lights.append(light)
         return truth
 
-    def _finish_scene(self, scene: Scene, truth: SceneTruth, double: CppRunner, programs: list[dict]) -> None:
+    def _finish_scene(self, scene: Scene, truth: SceneTruth, double: CppRunner, programs: list[Drawn]) -> None:
         """Noise and spread of one scene, and where the solution stands in error against run time."""
         moved = self._outputs(double, [Draw(scene, layers="total", shift=shift) for shift in SHIFTS], "a shift")
         for output in moved:
@@ -218,19 +235,18 @@ class _Making:
         interior = truth.mask == INTERIOR
         errors = {}
         for program in programs:
-            output = program[scene.name]
-            total = output.array[..., :3]
-            errors[program["name"]] = pixel_error(total, truth)[interior]
-            if program["name"].startswith(PLAIN) and "fused" not in program["name"]:
+            total = program.total(scene)
+            errors[program.name] = pixel_error(total, truth)[interior]
+            if program.name.startswith(PLAIN) and "fused" not in program.name:
                 rmse = float(np.sqrt(np.mean(np.square(total.astype(np.float64) - truth.total))))
-                truth.facts.runs.append({"series": program["name"], "rmse": rmse, "seconds": output.frame})
+                truth.facts.runs.append({"series": program.name, "rmse": rmse, "seconds": program.seconds[scene.name]})
         if interior.any():
             truth.facts.spread = {name: float(np.quantile(e, 1 - FULL_MARKS)) for name, e in errors.items()}
             # Each by the limits that the others set.
             for program in programs:
-                others = [floor for name, floor in truth.facts.spread.items() if name != program["name"]]
+                others = [floor for name, floor in truth.facts.spread.items() if name != program.name]
                 limit = image_limit(truth, max(others, default=0.0))
-                share = violating_share(program[scene.name].array[..., :3], truth.total, limit, interior)
+                share = violating_share(program.total(scene), truth.total, limit, interior)
                 truth.facts.share = max(truth.facts.share, share)
         truth.save(self.folder / f"{scene.name}.npz")
 
@@ -326,9 +342,8 @@ class _Making:
         runner.take(folder)
         return runner
 
-    def _program(self, name: str, change: Change | None, backend: str, fused: bool) -> dict[str, Any] | None:
-        """One correct program: adds to the spread of the functions, and returns its images where images are measured: the
-        solution's and, as the farthest from it, those of the slides' formulas."""
+    def _program(self, name: str, change: Change | None, backend: str, fused: bool) -> Drawn:
+        """One correct program: adds to the spread of the functions, and draws the scenes."""
         with self._step(name):
             runner = self._runner(change, backend, Recipe(loops=(), contract=fused), name)
             functions = self.assignment.functions
@@ -345,13 +360,13 @@ class _Making:
                     )
                 self.spread[function.name][backend][name] = error
             self.gl = getattr(runner, "gl", self.gl)
-            if change is not None and change != slide_formulas(self.assignment):
-                return None
             if backend == "cpp":
                 runner = self._runner(change, backend, Recipe(functions=False, loops=self.loops, contract=fused), name)
             draws = [Draw(scene, self.folder / f"{scene.name}.packet") for scene in self.scenes]
-            images = zip(self.scenes, self._outputs(runner, draws, name))
-            return {"name": name, **{scene.name: output for scene, output in images}}
+            drawn = Drawn(name, self._sandbox().folder)
+            for scene, output in zip(self.scenes, self._run(runner, draws, name)):
+                drawn.add(scene, output)
+            return drawn
 
     def _mistakes(self, backend: str) -> dict[str, np.ndarray]:
         """What each declared mistake gives on all inputs: its own function and, in C++, those that call it (the same numbers stand in

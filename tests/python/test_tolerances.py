@@ -56,6 +56,18 @@ def test_limits_leave_the_factor_to_whatever_was_measured(assignment):
 
 
 @every_assignment
+def test_every_picture_is_measured_with_the_same_programs(assignment):
+    expected, [*functions] = load(assignment), spreads(assignment)
+    programs = {program for _, _, measured in functions for program in measured}
+    for scene in assignment.scenes:
+        if not missing_meshes(scene):
+            truth = expected.scene(scene)
+            assert set(truth.facts.spread) == programs, scene.name
+            # By limits that the others set, none loses a pixel more than the share that is anybody's.
+            assert truth.facts.share <= FULL_MARKS, scene.name
+
+
+@every_assignment
 def test_every_correct_program_passes_by_limits_that_were_set_without_it(assignment):
     for name, backend, programs in spreads(assignment):
         for program, error in programs.items():
