@@ -29,7 +29,7 @@ namespace {
 struct Options {
     std::string framework = SHADELAB_FRAMEWORK_DIR, assignment, scene, plugin, full_plugin, output, size, shift,
                 statistics, function, input, keep, follow;
-    int samples = 0, supersample = 1, threads = 0;
+    int samples = 0, supersample = 1, threads = 0, repeat = 0;
     double exposure = 0;
     bool layers = false, terms = false, depth = false, visibility = false, double_depth = false, full = false,
          explain = false;
@@ -46,6 +46,15 @@ struct LoadedScene {
     std::vector<Mesh> meshes;  ///< one per object
 };
 
+/// Moves the picture by "X,Y" pixels right and up.
+void set_shift(Scene& scene, const std::string& text) {
+    glm::dvec2 pixels;
+    char rest;
+    if (std::sscanf(text.c_str(), "%lf,%lf%c", &pixels.x, &pixels.y, &rest) != 2)
+        throw InputError("--shift: give X,Y in pixels, for example 0.0625,0, not \"" + text + "\"");
+    scene.camera.shift = 2.0 * pixels / glm::dvec2(scene.film.width, scene.film.height);
+}
+
 LoadedScene load(const Options& options, bool with_meshes = true) {
     LoadedScene loaded;
     loaded.manifest = load_manifest(options.assignment, options.interface());
@@ -58,13 +67,7 @@ LoadedScene load(const Options& options, bool with_meshes = true) {
             throw InputError("--size: give WIDTHxHEIGHT in pixels, for example 512x512 (at most 16384), not \"" +
                              options.size + "\"");
     }
-    if (!options.shift.empty()) {
-        glm::dvec2 pixels;
-        char rest;
-        if (std::sscanf(options.shift.c_str(), "%lf,%lf%c", &pixels.x, &pixels.y, &rest) != 2)
-            throw InputError("--shift: give X,Y in pixels, for example 0.0625,0, not \"" + options.shift + "\"");
-        loaded.scene.camera.shift = 2.0 * pixels / glm::dvec2(film.width, film.height);
-    }
+    if (!options.shift.empty()) set_shift(loaded.scene, options.shift);
     if (options.samples) film.samples = options.samples;
     if (int64_t(std::max(film.width, film.height)) * options.supersample > 16384)
         throw InputError("--supersample: the enlarged image would be wider or higher than 16384 pixels");
@@ -311,7 +314,8 @@ void print_needs(const LoadedScene& loaded) {
               << "}\n";
 }
 
-/// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, threads N, arithmetic. For benchmarks.
+/// Answers the lines of stdin, one JSON line each, until they end: draw, write FILE, shift X,Y, threads N, arithmetic. For
+/// benchmarks and studies.
 template <class Real>
 void serve_frames(const Options& options, LoadedScene& loaded, const plugin::Table<Real>& table, double load_ms) {
     malloc_trim(0);
@@ -345,13 +349,17 @@ void serve_frames(const Options& options, LoadedScene& loaded, const plugin::Tab
             Film copy = image;
             write_image(options, copy, argument);
             std::cout << "{\"written\": \"" << argument << "\"}" << std::endl;
+        } else if (command == "shift") {
+            set_shift(loaded.scene, argument);
+            std::cout << "{\"shift\": \"" << argument << "\"}" << std::endl;
         } else if (command == "threads") {
             omp_set_num_threads(std::max(1, std::atoi(argument.c_str())));
             std::cout << "{\"threads\": " << omp_get_max_threads() << "}" << std::endl;
         } else if (command == "arithmetic") {
             std::cout << "{\"ms\": " << arithmetic_ms() << "}" << std::endl;
         } else {
-            throw InputError("frames: unknown command \"" + line + "\": draw, write FILE, threads N or arithmetic");
+            throw InputError("frames: unknown command \"" + line +
+                             "\": draw, write FILE, shift X,Y, threads N or arithmetic");
         }
     }
 }
@@ -470,6 +478,17 @@ void evaluate(const Options& options, const PluginLibrary& library) {
     in.seekg(0);
     in.read(reinterpret_cast<char*>(rows.data()), std::streamsize(bytes));
     function->evaluate(count, rows.data(), results.data());
+    if (options.repeat && !options.statistics.empty()) {  // what came so far has warmed caches and clock
+        std::ofstream statistics(options.statistics);
+        statistics << "{\"rows\": " << count << ", \"seconds\": [";
+        for (int turn = 0; turn < options.repeat; ++turn) {
+            const double start = now_ms();
+            function->evaluate(count, rows.data(), results.data());
+            statistics << (turn ? ", " : "") << (now_ms() - start) / 1000;
+        }
+        statistics << "]}\n";
+        if (!statistics) throw InfrastructureError(options.statistics + ": cannot be written");
+    }
     if (!options.follow.empty()) write_missing<Real>(options.follow);
     std::ofstream out(options.output, std::ios::binary);
     out.write(reinterpret_cast<const char*>(results.data()), std::streamsize(results.size() * sizeof(Real)));
@@ -547,6 +566,9 @@ int main(int argc, char** argv) {
     evaluation->add_option("--follow", options.follow,
                            "folder of FUNCTION.known: recorded outputs that stand in for those functions when the "
                            "evaluated one calls them; FUNCTION.missing is written there");
+    evaluation->add_option("--repeat", options.repeat, "evaluate all rows so many times more, for --statistics")
+        ->check(CLI::Range(1, 1000000));
+    evaluation->add_option("--statistics", options.statistics, "with --repeat: write each repeat's seconds as JSON");
     try {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {

@@ -115,6 +115,8 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
            "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n"
            "// -DSHADELAB_ONLY -DSHADELAB_LOOP_<model>_<kind> ...: of the loops those and no others.\n"
            "// -DSHADELAB_NO_FUNCTIONS: no function can be evaluated alone.\n"
+           "// -DSHADELAB_COLUMNS: functions are evaluated over columns instead of rows, for measurements of their "
+           "time.\n"
            "// -DSHADELAB_FOLLOW: calls among the functions are asked about first (plugin.hpp).\n\n";
     for (const Manifest& earlier : manifest.given)
         // In a namespace of its own: its helpers never clash with the student's.
@@ -195,15 +197,35 @@ std::string cpp_glue(const Manifest& manifest, const std::string& student_file) 
         const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
         std::vector<std::string> results;
         flatten(manifest, function.returns, "result", results);
+        const auto expression = [&](const auto& column) { return call_with_columns(manifest, function, true, column); };
+
+        // Columns: a loop like those that shade, which vectorises where the function allows it.
+        std::vector<std::string> parameters, arguments;
+        for (int k = 0; k < columns_in; ++k) {
+            parameters.push_back("const Real* __restrict in" + std::to_string(k));
+            arguments.push_back("in + " + std::to_string(k) + " * count");
+        }
+        for (int k = 0; k < columns_out; ++k) {
+            parameters.push_back("Real* __restrict out" + std::to_string(k));
+            arguments.push_back("out + " + std::to_string(k) + " * count");
+        }
+        out << "#ifdef SHADELAB_COLUMNS\n__attribute__((noinline, flatten)) static void columns_" << function.name
+            << "(std::int64_t count, " << join(parameters, ", ") << ") {\n"
+            << "    for (std::int64_t i = 0; i < count; ++i) {\n        " << function.returns
+            << " result = " << expression([](int k) { return "in" + std::to_string(k) + "[i]"; }) << ";\n       ";
+        for (size_t k = 0; k < results.size(); ++k) out << " out" << k << "[i] = " << results[k] << ";";
+        out << "\n    }\n}\nstatic void evaluate_" << function.name
+            << "(std::int64_t count, const Real* in, Real* out) noexcept {\n    columns_" << function.name << "(count, "
+            << join(arguments, ", ") << ");\n}\n#else\n";
+
         out << "static void evaluate_" << function.name
             << "(std::int64_t count, const Real* in, Real* out) noexcept {\n"
             << "    for (std::int64_t i = 0; i < count; ++i, in += " << columns_in << ", out += " << columns_out
             << ") {\n"
-            << "        const " << function.returns << " result = "
-            << call_with_columns(manifest, function, true, [](int k) { return "in[" + std::to_string(k) + "]"; })
-            << ";\n       ";
+            << "        const " << function.returns
+            << " result = " << expression([](int k) { return "in[" + std::to_string(k) + "]"; }) << ";\n       ";
         for (size_t k = 0; k < results.size(); ++k) out << " out[" << k << "] = " << results[k] << ";";
-        out << "\n    }\n}\n";
+        out << "\n    }\n}\n#endif\n";
     }
 
     out << "#endif\n\nstatic const shadelab::plugin::Model<Real> model_table[] = {\n";

@@ -256,23 +256,30 @@ class Bench:
 
     @contextmanager
     def ours(self, case: Case, scene: Path, double: bool = False, supersample: int = 1) -> Iterator[Resident]:
-        command = [str(RENDER), "frames", str(scene), "--assignment", str(SOLUTION / case.assignment)]
-        command += [*case.our_options, "--threads", str(self.threads)]
-        command += ["--supersample", str(supersample)] if supersample > 1 else []
-        command += ["--double"] if double else []
-        command += [] if case.shading == "depth" else ["--plugin", str(self.plugin(case, double))]
-        with resident("shadelab-render frames", command, self.environment()) as program:
+        options = [*case.our_options, *(["--double"] if double else [])]
+        options += ["--supersample", str(supersample)] if supersample > 1 else []
+        plugin = None if case.shading == "depth" else self.plugin(case, double)
+        with self.frames(scene, SOLUTION / case.assignment, options, plugin) as program:
             yield program
 
     @contextmanager
     def peer(self, case: Case, scene: Path) -> Iterator[Resident]:
+        with self.llvmpipe(scene, SOLUTION / case.assignment, case.packet_options) as program:
+            yield program
+
+    @contextmanager
+    def frames(self, scene: Path, assignment: Path, options: list[str], plugin: Path | None) -> Iterator[Resident]:
+        """Our rasterizer, standing by with any scene. `assignment`: the folder; without a plugin nothing is shaded."""
+        command = frames_command(scene, assignment, [*options, "--threads", str(self.threads)], plugin)
+        with resident("shadelab-render frames", command, self.environment()) as program:
+            yield program
+
+    @contextmanager
+    def llvmpipe(self, scene: Path, assignment: Path, options: list[str]) -> Iterator[Resident]:
+        """OpenGL with the solution's shading.glsl, standing by with any scene."""
         packet = self.folder / "frame.packet"
-        command = [str(RENDER), "packet", str(scene), "--assignment", str(SOLUTION / case.assignment)]
-        made = subprocess.run([*command, *case.packet_options, "-o", str(packet)], capture_output=True, text=True)
-        if made.returncode:
-            raise InfrastructureError(f"shadelab-render packet: {last_line(made.stderr)}")
-        student = SOLUTION / case.assignment / "shading.glsl"
-        command = [sys.executable, "-I", "-m", "shadelab.glbench", str(packet), str(student)]
+        make_packet(scene, assignment, options, packet)
+        command = [sys.executable, "-I", "-m", "shadelab.glbench", str(packet), str(assignment / "shading.glsl")]
         with resident("llvmpipe", command, self.environment()) as program:
             packet.unlink()
             yield program
@@ -281,6 +288,18 @@ class Bench:
         with self.ours(case, scene, double=True, supersample=supersample) as program:
             program.draw()
             return program.image(self.folder / "reference.npy")
+
+
+def frames_command(scene: Path, assignment: Path, options: list[str], plugin: Path | None) -> list[str]:
+    command = [str(RENDER), "frames", str(scene), "--assignment", str(assignment), *options]
+    return [*command, *(["--plugin", str(plugin)] if plugin else [])]
+
+
+def make_packet(scene: Path, assignment: Path, options: list[str], packet: Path) -> None:
+    command = [str(RENDER), "packet", str(scene), "--assignment", str(assignment), *options, "-o", str(packet)]
+    made = subprocess.run(command, capture_output=True, text=True)
+    if made.returncode:
+        raise InfrastructureError(f"shadelab-render packet: {last_line(made.stderr)}")
 
 
 @contextmanager
@@ -412,9 +431,7 @@ def measure_omissions(bench: Bench, assignment: str, scene: Path) -> dict[str, A
             recipe = Recipe() if only is None else Recipe(functions=False, loops=tuple(only), terms=False)
             plugin = build_plugin(declared, source, Sandbox(bench.folder / "build"), recipe)
             compiled = 1000 * (time.perf_counter() - start)
-            command = [str(RENDER), "frames", str(scene), "--assignment", str(declared.directory), *options]
-            command += ["--threads", str(bench.threads), "--plugin", str(plugin.file)]
-            programs[name] = stack.enter_context(resident("shadelab-render frames", command, bench.environment()))
+            programs[name] = stack.enter_context(bench.frames(scene, declared.directory, options, plugin.file))
             setup[name] = {"compile_ms": compiled, "load_ms": programs[name].ready["load_ms"]}
         for program in programs.values():
             for _ in range(WARM):

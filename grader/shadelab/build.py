@@ -17,13 +17,14 @@ from shadelab.sandbox import Limits, Sandbox, work_folder
 COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
 MAX_LINES = 5  # of one error
 PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hpp); below it are the student's
-PLUGINS_KEPT, GLUE_KEPT, PRECOMPILED_KEPT = 1024, 24, 8  # the last are 30 MB each
+PLUGINS_KEPT, GLUE_KEPT, PRECOMPILED_KEPT = 1024, 96, 8  # the last are 30 MB each
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
 _common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
            "-fvisibility=hidden", "-Wl,-z,defs", "-fmax-errors=3", "-fno-diagnostics-show-option", "-fno-diagnostics-show-labels"]  # fmt: skip
 _float = ["-fsingle-precision-constant"]
 _double = ["-O2", "-DSHADELAB_REAL=double"]
+_half = [*_float, "-O1", "-DSHADELAB_REAL=shadelab::half", "-include", "shadelab/half.hpp"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,9 @@ class Recipe:
         False  # calls among the functions can be answered from a record (follow-through); for our own code only
     )
     contract: bool = False  # fused multiply-add: only to measure how far correct code strays
+    half: bool = False  # 16-bit numbers (half.hpp): only for studies; the plugin takes and gives floats
+    # Functions run over columns (all x, then all y, ...) in loops compiled as those that shade: to measure their time.
+    columns: bool = False
 
     def flags(self) -> list[str]:
         out = [*_common, f"-DSHADELAB_TERMS={int(self.terms)}"]
@@ -46,16 +50,19 @@ class Recipe:
             out += ["-DSHADELAB_ONLY", *(f"-DSHADELAB_LOOP_{loop}" for loop in sorted(self.loops))]
         out += [] if self.functions else ["-DSHADELAB_NO_FUNCTIONS"]
         out += ["-DSHADELAB_FOLLOW"] if self.follow else []
+        out += ["-DSHADELAB_COLUMNS"] if self.columns else []
         return [*out, *self.arithmetic()]
 
     def arithmetic(self) -> list[str]:
         """What the numbers and the speed depend on. Functions alone are evaluated a few thousand times: -O1 compiles them in half the
         time, to the same bits."""
+        if self.half:
+            return _half
         if self.double:
-            return _double
+            return [*_double, "-O3", *_architecture()] if self.columns else _double
         if self.contract:
             return [*_float, "-O3", *_architecture(), "-ffp-contract=fast"]
-        return [*_float, "-O1"] if self.loops == () else [*_float, "-O3", *_architecture()]
+        return [*_float, "-O1"] if self.loops == () and not self.columns else [*_float, "-O3", *_architecture()]
 
 
 FUNCTIONS = Recipe(loops=())
@@ -190,9 +197,8 @@ def _precompile(glue: Path, recipe: Recipe) -> None:
     flags = [f for f in [*_common, *recipe.arithmetic()] if f != "-shared" and not f.startswith("-Wl,")]
     folder = glue / "prelude.hpp.gch"
     file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]
-    if file.exists() or recipe.contract:
+    if file.exists() or recipe.contract or recipe.half:  # for the last, the compiler would not use one
         return
-    folder.mkdir(exist_ok=True)
     with work_folder("precompile") as work:
         command = [
             "g++",
@@ -204,8 +210,12 @@ def _precompile(glue: Path, recipe: Recipe) -> None:
             str(glue / "prelude.hpp"),
         ]
         if Sandbox(work).run([*command, "-o", str(work / "gch")], COMPILE_LIMITS).ok:
-            shutil.move(work / "gch", temporary := glue / f"gch-{os.getpid()}-{threading.get_ident()}")
-            os.replace(temporary, file)
+            try:
+                folder.mkdir(exist_ok=True)
+                shutil.move(work / "gch", temporary := glue / f"gch-{os.getpid()}-{threading.get_ident()}")
+                os.replace(temporary, file)
+            except OSError:
+                pass  # another run has thrown it away meanwhile, for younger ones
 
 
 # ------------------------------------------------------------------------------------------------- C++ messages

@@ -148,6 +148,51 @@ def grade(
         raise typer.Exit(1)
 
 
+# ----------------------------------------------------------------------------------------------------- stability
+
+
+@app.command()
+def stability(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")],
+    assignment: Annotated[
+        Optional[str], typer.Option(help="which assignment (default: from assignment.toml or the folder's name)")
+    ] = None,
+    out: Annotated[
+        Optional[Path], typer.Option(help="where failing inputs are written (default: out/stability-ASSIGNMENT)")
+    ] = None,
+    json_: Annotated[
+        Optional[str], typer.Option("--json", metavar="FILE|-", help="also write all figures here; - is stdout")
+    ] = None,
+) -> None:
+    """Drive every function over edge and extreme inputs, in float, double and GLSL, against 50-digit arithmetic.
+
+    Errors are counted in floors: what the rounding of the inputs alone makes of the result. A stable form stays within a few; a
+    textbook form may be off by millions, or give no number at all. The first failing input is written to a file and can be replayed.
+    An unstable function is a result, not an error: the exit code is 0.
+    """
+    from shadelab.manifest import find_assignment
+    from shadelab.report.stable import print_stability
+    from shadelab.stability import measure, write_inputs
+
+    declared = find_assignment(directory, assignment)
+    out = out or Path("out") / f"stability-{declared.name}"
+    with progress_bar() as progress:
+        report = measure(declared, directory, progress)
+    try:
+        find_assignment(directory, None)
+        named = []
+    except UserError:
+        named = ["--assignment", declared.name]
+    write_inputs(report, directory, out, named)
+    if json_ and json_ != "-":
+        if not Path(json_).parent.is_dir():
+            raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
+        Path(json_).write_text(report.to_json())
+    if json_ == "-":
+        print(report.to_json(), end="")
+    print_stability(report, errors if json_ == "-" else Console(highlight=False))
+
+
 # --------------------------------------------------------------------------------------------------- render, eval
 
 
@@ -599,6 +644,63 @@ def bench(
 
 
 @app.command()
+def study(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|NAME", help="a scene file, a study in studies/, or an assignment: all its scenes"
+        ),
+    ],
+    shading: Annotated[
+        Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")
+    ] = None,
+    out: Annotated[
+        Optional[Path], typer.Option(metavar="DIR", help="where numbers and figures go (default: out/study-NAME)")
+    ] = None,
+    json_: Annotated[
+        Optional[str], typer.Option("--json", metavar="FILE|-", help="also write all numbers here; - is stdout")
+    ] = None,
+) -> None:
+    """Measure error against run time: what more samples, finer meshes or other arithmetic cost, and what they gain.
+
+    `./shadelab study scenes/phong/teapot.toml` takes a minute at most: 1 to 64 samples a pixel, at random, stratified and on a
+    grid, against a converged picture in double; C++ in float and double and GLSL; and what leaving out saves. `./shadelab study
+    interpolation` runs studies/interpolation.toml, and `./shadelab study phong` compares the backends over all scenes of phong.
+
+    Every time is the median of several runs, drawn in turn with all others, on one thread; the table says how far they lie apart.
+    A star marks the Pareto front: nothing else is as fast and as exact. study.json, study.csv and the figures (PNG and SVG,
+    for light and for dark pages) go to the folder given by --out.
+    """
+    from shadelab.manifest import assignment_names
+    from shadelab.study.declaration import studied
+    from shadelab.study.report import as_text, print_study, write_files
+    from shadelab.study.run import run_study
+
+    if shading is not None and not shading.is_dir():
+        raise UserError(f"--shading {shown(shading)}: there is no such folder; give the one that holds shading.cpp")
+    if json_ and json_ != "-" and not Path(json_).absolute().parent.is_dir():
+        raise UserError(f"--json {json_}: there is no folder {shown(Path(json_).parent)}")
+    name = studied(what, assignment_names())[0]
+    out = out or Path("out") / f"study-{name}"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{shown(out)}: cannot be made: {error.strerror}; choose another folder with --out") from None
+    with progress_bar() as progress:
+        numbers, parts = run_study(what, shading, lambda scene: _assignment_of_scene(scene, shading), progress)
+        progress("drawing the figures", 0, 1)
+        files = write_files(numbers, parts, out)
+    if json_ == "-":
+        print(as_text(numbers), end="")
+    elif json_:
+        Path(json_).write_text(as_text(numbers))
+    output = errors if json_ == "-" else Console(highlight=False)
+    print_study(numbers, parts, output)
+    for file in files:
+        output.print(shown(file), markup=False, soft_wrap=True)
+
+
+@app.command()
 def release(
     name: Annotated[str, typer.Argument(metavar="NAME", help="an assignment, for example phong")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="a folder that is empty or not there yet")],
@@ -695,7 +797,7 @@ def test(
 
 
 if not (ROOT / "solution").is_dir():  # a release: what instructors' commands need is not there
-    theirs = (reference, check, starter, bench, release, package, new, test)
+    theirs = (reference, check, starter, bench, study, release, package, new, test)
     app.registered_commands = [c for c in app.registered_commands if c.callback not in theirs]
 
 _UsageError = typer.BadParameter.__bases__[0]  # click's class; typer has it from click or carries it itself

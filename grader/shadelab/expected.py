@@ -2,6 +2,7 @@
 
 In its folder stand
     facts.json          what holds for the whole assignment: which functions call which, the measured spread of correct programs
+    extremes.npz        per function: the members of its StableTable, for stability
     functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64)
     mistakes.npz        ID/BACKEND/FUNCTION: what the declared mistakes give for the same inputs
     SCENE.npz           the film's layers (float32), the mask of pixels that are judged, and the noise of each pixel
@@ -24,6 +25,7 @@ import numpy as np
 
 from shadelab.build import glue_folder
 from shadelab.errors import InfrastructureError
+from shadelab.extremes import StableTable
 from shadelab.manifest import Assignment, Function, Scene
 from shadelab.paths import RENDER, STATE, shown
 from shadelab.toml_files import read_toml
@@ -61,6 +63,7 @@ class Facts:
     spread: dict[str, dict[str, dict[str, float]]]
     mistakes: list[dict[str, str]]  # id, function and hint of each
     gl: str  # the driver that the spread was measured with
+    driver: dict[str, float]  # how far its own functions are off: exp, log, pow5, sin, inversesqrt
 
 
 @dataclass
@@ -86,6 +89,18 @@ class Expected:
     def table(self, function: Function) -> Table:
         parts = {part: self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "conditioning")}
         return Table(**parts, drawn=int(self.functions["drawn"]))
+
+    @cached_property
+    def extremes(self) -> Mapping[str, np.ndarray]:
+        return np.load(self.folder / "extremes.npz", allow_pickle=False)
+
+    def stable_table(self, function: Function) -> StableTable:
+        parts = StableTable.__dataclass_fields__
+        return StableTable(**{part: self.extremes[f"{function.name}.{part}"] for part in parts})
+
+    def driver(self, backend: str) -> float:
+        """What the driver's own functions may be off; the compiler's library is exact beside that."""
+        return max(self.facts.driver.values()) if backend == "glsl" else 0.0
 
     def floor(self, function: Function, backend: str) -> float:
         """The largest scaled error of a correct program (findings.py says what is done with it)."""

@@ -21,7 +21,9 @@ from shadelab.diagnosis import Candidate, Diagnosis, candidates, diagnose
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import TERM_CHANNELS, Expected, missing_meshes, with_callees
+from shadelab.extremes import FLOORS, Stability
 from shadelab.findings import (
+    MISTAKE,
     Followed,
     FunctionJudgement,
     function_members,
@@ -35,8 +37,9 @@ from shadelab.manifest import Assignment, CustomCheck, Function, Scene, find_ass
 from shadelab.mistakes import load_changes, with_bodies
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
-from shadelab.result import Check, Point, Result
+from shadelab.result import Check, Error, Mistake, Point, Result, Worst
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
+from shadelab.stability import DOUBLE, describe, first_input, judge_extremes, stable_inputs
 from shadelab.tables import jittered, renormalised
 from shadelab.toml_files import read_toml
 
@@ -89,6 +92,12 @@ def plan_checks(assignment: Assignment, only: str | set[str] = "*") -> dict[str,
             calls = {m["model"] for m in read_toml(scene.file).get("material", {}).values()} | {"incident_light"}
             own = [f.name for f in assignment.functions if f.name in calls]
             wanted.append(Plan(f"{backend}/image/{scene.name}", "image", backend, scene.points / 2, scene, own))
+        # Where students lose points for it; the command `stability` shows every function.
+        wanted += [
+            Plan(f"{backend}/stability/{f.name}", "stability", backend, assignment.stability[f.name].points / 2, f)
+            for f in assignment.functions
+            if f.name in assignment.stability and assignment.stability[f.name].points
+        ]
         wanted += [Plan(f"{backend}/custom/{c.name}", "custom", backend, c.points / 2, c) for c in assignment.custom]
         wanted = [p for p in wanted if is_wanted(p.id)]
         plans[backend] = [build, *wanted] if wanted or is_wanted(build.id) else []
@@ -199,8 +208,12 @@ class _BackendGrader:
     ) -> None:
         self.backend, self.assignment, self.expected, self.folder = backend, assignment, expected, folder
         self.plan, *self.plans = plans
-        self.function_plans = [p for p in self.plans if isinstance(p.item, Function)]
-        self.tasks: list[Task] = [Evaluate(p.item, expected.table(p.item).rows) for p in self.function_plans]
+        self.function_plans = [p for p in self.plans if isinstance(p.item, Function)]  # stability last
+        tables = [
+            expected.stable_table(p.item) if p.kind == "stability" else expected.table(p.item)
+            for p in self.function_plans
+        ]
+        self.tasks: list[Task] = [Evaluate(p.item, t.rows) for p, t in zip(self.function_plans, tables)]
         self.sandbox = Sandbox(folder / backend)
         source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
         self.refused = files[source]
@@ -280,6 +293,8 @@ class _BackendGrader:
                 if output.hung:
                     self.hung.add(plan.id)
                 self.record(_finished(_check(plan, "failed", f"{plan.item.name} {output.failure}"), output))
+            elif plan.kind == "stability":
+                self.record(_finished(self.stability(plan, output.array), output))
             else:
                 self.outputs[plan.item.name] = output.array
                 self.record(_finished(self.function(plan, output.array), output))
@@ -322,6 +337,46 @@ class _BackendGrader:
             if found.other:
                 check.message += f"; there is a second mistake ({found.other.id}): {found.other.hint}"
         return check
+
+    def stability(self, plan: Plan, actual: np.ndarray) -> Check:
+        """Of a function that is right where scenes need it: how it does at the ends of its domain."""
+        function = plan.item
+        used = with_callees({function.name}, self.expected.facts.calls)
+        wrong = [f"{self.backend}/function/{name}" for name in self.judged if name in used and not self._right(name)]
+        if wrong:
+            return _check(plan, "skipped", "it is asked of functions that are right otherwise", wrong)
+        found = judge_extremes(self.assignment, self.expected, function, self.backend, actual)
+        check = _check(plan, "failed" if found.faults else "passed")
+        check.score = plan.points * (found.right * (1 - MISTAKE) if found.faults else 1.0)
+        worst = found.worst if np.isfinite(found.worst) else None
+        check.error = Error(name="floors", value=worst, limit=FLOORS, floor=1.0)
+        if found.faults:
+            check.message = describe(found, self._in_double(function))
+            first = first_input(self.assignment, function, found)
+            check.worst = Worst(**{name: first[name] for name in ("inputs", "expected", "actual")})
+            idea = self.assignment.stability[function.name].idea
+            ratio = (worst or np.finfo(np.float32).max) / FLOORS
+            check.mistake = Mistake(id="unstable-form", hint=idea, margin=max(1.0, float(ratio)))
+        return check
+
+    def _right(self, name: str) -> bool:
+        judged = self.judged[name]
+        return judged.check.status == "passed" and not judged.followed
+
+    def _in_double(self, function: Function) -> Stability | None:
+        """The same C++ in double, which tells bad algebra from a wrong formula. GLSL 330 has no double."""
+        if self.backend != "cpp":
+            return None
+        runner = CppRunner(self.assignment, Sandbox(self.folder / "cpp-double"), DOUBLE)
+        try:
+            runner.build(self.folder / "submission")
+        except BuildError:
+            return None
+        rows = stable_inputs(self.assignment, self.expected, function, "double")
+        [(_, output)] = runner.run([Evaluate(function, rows)])
+        if output.array is None:
+            return None
+        return judge_extremes(self.assignment, self.expected, function, "double", output.array)
 
     def _judge(self, plan: Plan, actual: np.ndarray, followed: Followed | None = None) -> FunctionJudgement:
         return judge_function(
@@ -529,9 +584,10 @@ def write_worst_inputs(assignment: Assignment, grading: Grading, submission: Pat
         if check.worst is None:
             continue
         name = check.id.split("/")[-1]
-        if check.kind in ("function", "parity"):
+        if check.kind in ("function", "parity", "stability"):
             (out / "worst").mkdir(exist_ok=True)
-            file = out / "worst" / f"{check.backend}-{name}.npz"
+            kind = "-stability" if check.kind == "stability" else ""
+            file = out / "worst" / f"{check.backend}-{name}{kind}.npz"
             columns = assignment.input_columns(assignment.function(name))
             inputs = {name: check.worst.inputs[name] for name in dict.fromkeys(c.path for c in columns)}
             flat = [float(v) for values in inputs.values() for v in values]

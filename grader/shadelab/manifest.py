@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,6 +14,9 @@ from shadelab.errors import UserError
 from shadelab.hidden import Hidden, hidden_scene_files
 from shadelab.paths import FRAMEWORK, SOLUTION, shown
 from shadelab.toml_files import Declared, read_toml, validated
+
+if TYPE_CHECKING:
+    from shadelab.extremes import Stable
 
 # The number of columns that a value of each type flattens to.
 _widths = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}
@@ -196,10 +199,18 @@ class Assignment:
         kind = "struct" if function.returns in self.structs else "range"
         return self.columns([Value("result", Domain(kind=kind, type=function.returns))])
 
+    @cached_property
+    def stability(self) -> dict[str, "Stable"]:
+        """What stability.toml declares, by function."""
+        from shadelab.extremes import load_stability  # which is about assignments itself
+
+        return load_stability(self.directory, self.functions)
+
     @property
     def points(self) -> float:
+        stability = sum(s.points for s in self.stability.values())
         scenes = sum(s.points for s in self.public_scenes) + sum(f.points * f.scenes for f in self.hidden.family)
-        return sum(f.points for f in self.functions) + scenes + sum(c.points for c in self.custom)
+        return sum(f.points for f in self.functions) + stability + scenes + sum(c.points for c in self.custom)
 
 
 def named_arrays(columns: list[Column], rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -21,19 +21,22 @@ from shadelab.build import BuildError, Recipe, glue_folder
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import INTERIOR, Expected, Facts, SceneTruth, Table, largest_nearby, missing_meshes, with_callers
+from shadelab.extremes import FILE as STABILITY
+from shadelab.extremes import StableTable, extreme_rows
 from shadelab.findings import FULL_MARKS, function_members, image_limit, largest_error, pixel_error, violating_share
 from shadelab.follow import Reference
-from shadelab.manifest import Assignment, Function, Scene, named_arrays
+from shadelab.manifest import Assignment, Function, Scene, load_assignment, named_arrays
 from shadelab.mistakes import Change, load_changes, slide_formulas, write_submission
 from shadelab.packet import Packet
 from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, SHIPPED, shown
 from shadelab.sandbox import Limits, Sandbox
-from shadelab.tables import jittered, make_table, on_gate, renormalised
+from shadelab.tables import jittered, make_table, moved_one_by_one, on_gate, renormalised
 from shadelab.toml_files import read_toml
 
 PUBLIC_SEED = 6837
 FRAGMENTS = 1024  # rows of a function's table that are recorded from scenes, at most
 FRAGMENTS_PER_SCENE = 256
+DRIVER_ROWS = 4096
 SHIFTS = [(1 / 16, 0.0), (0.0, 1 / 16)]  # pixels: as far as rasterizers may place a fragment differently
 PLAIN = "the solution"
 
@@ -60,7 +63,9 @@ def digest(assignment: Assignment) -> str:
     code = (
         "build",
         "evidence",
+        "exact",
         "expected",
+        "extremes",
         "findings",
         "follow",
         "glclient",
@@ -69,7 +74,8 @@ def digest(assignment: Assignment) -> str:
         "mistakes",
         "reference",
     )
-    files = [here / f"{name}.py" for name in (*code, "tables")]
+    files = [here / f"{name}.py" for name in (*code, "tables") if (here / f"{name}.py").exists()]
+    files += [here / "driver" / name for name in ("assignment.toml", "shading.glsl")]
     files += [FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt"]
     for folder in ("include", "src", "render"):
         files += sorted(f for f in (FRAMEWORK / folder).rglob("*") if f.is_file())
@@ -78,7 +84,7 @@ def digest(assignment: Assignment) -> str:
         one = pending.pop()
         files += [one.directory / "assignment.toml", *(one.directory / name for name in one.files)]
         pending += one.given
-    files.append(assignment.directory / "mistakes.toml")
+    files += [assignment.directory / name for name in ("mistakes.toml", "exact.py", STABILITY)]
     for scene in assignment.scenes:
         files.append(scene.file)
         objects = read_toml(scene.file).get("object", [])
@@ -136,7 +142,7 @@ class _Making:
         self.assignment, self.folder, self.progress = assignment, folder, progress
         self.changes = load_changes(assignment)
         self.scenes = [scene for scene in assignment.scenes if not missing_meshes(scene)]
-        self.done, self.steps = 0, len(self.changes.mistake) + 2 * len(self.changes.variant) + 5 + len(self.scenes)
+        self.done, self.steps = 0, len(self.changes.mistake) + 2 * len(self.changes.variant) + 7 + len(self.scenes)
         (folder / "work").mkdir()
         glue_folder(assignment.directory)  # once, before two threads want it
         self.sandboxes = 0
@@ -150,6 +156,8 @@ class _Making:
         double = self._cpp(self.assignment.directory, Recipe(double=True, functions=False, loops=self.loops), PLAIN)
         truths = {scene.name: self._truth(scene, packets[scene.name], double) for scene in self.scenes}
         self._make_tables(packets, truths)
+        self._make_extremes()
+        driver = self._measure_driver()
         # Function by function and scene by scene, what other correct programs and the mistakes give: two at a time.
         with ThreadPoolExecutor(2) as pool:
             mistakes = pool.map(self._mistakes, ("cpp", "glsl"))
@@ -159,7 +167,7 @@ class _Making:
         for scene in self.scenes:
             self._finish_scene(scene, truths[scene.name], double, drawn)
         mistakes = [{"id": m.id, "function": m.function, "hint": m.hint} for m in self.changes.mistake]
-        facts = Facts(self.calls, list(self.loops), self.spread, mistakes, self.gl)
+        facts = Facts(self.calls, list(self.loops), self.spread, mistakes, self.gl, driver)
         (self.folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
         arrays = {"drawn": np.array(next(iter(self.tables.values())).drawn)}
         for name, table in self.tables.items():
@@ -317,6 +325,54 @@ class _Making:
                 values["m"] = np.tile(each["material"], (FRAGMENTS_PER_SCENE, 1))
                 _append(out, functions.get(each["model"]), values, here)
             _append(out, functions.get("incident_light"), values, np.ones(FRAGMENTS_PER_SCENE, bool))
+        return out
+
+    # ------------------------------------------------------------------------------------------------------ stability
+
+    def _make_extremes(self) -> None:
+        """Extreme inputs of every function, their truth from 50 digits, their conditioning from the solution in double."""
+        if not (self.assignment.directory / "exact.py").exists():
+            return
+        from shadelab import exact
+
+        double = self._cpp(self.assignment.directory, Recipe(double=True, loops=()), PLAIN)
+        arrays = {}
+        with self._step("extreme inputs"):
+            for function in self.assignment.functions:
+                rows, labels, rising, swapped = extreme_rows(self.assignment, function, PUBLIC_SEED)
+                table = StableTable(
+                    rows, labels, rising, swapped, exact.evaluate(self.assignment, function, rows), None
+                )
+                inputs = renormalised(self.assignment, function, rows)
+                moved = moved_one_by_one(self.assignment, function, inputs)
+                every = np.concatenate([inputs, moved.reshape(-1, inputs.shape[1])])
+                [output] = self._outputs(double, [Evaluate(function, every)], PLAIN)
+                still, changed = output.array[: len(rows)], output.array[len(rows) :]
+                with np.errstate(invalid="ignore"):
+                    away = np.abs(changed.reshape(*moved.shape[:3], still.shape[1]) - still)
+                table.conditioning = away.max(axis=1).sum(axis=0)
+                arrays |= {f"{function.name}.{part}": array for part, array in table.arrays().items()}
+        np.savez(self.folder / "extremes.npz", **arrays)
+
+    def _measure_driver(self) -> dict[str, float]:
+        """How far the OpenGL driver's own functions are off: relative errors; of the logarithm, which is mostly taken the exp of, the
+        absolute one."""
+        own = load_assignment(Path(__file__).parent / "driver")
+        runner = GlslRunner(own, self._sandbox())
+        runner.take(own.directory)
+        truths = {"exp": np.exp, "log": np.log, "pow5": lambda x: x**5, "sin": np.sin, "inversesqrt": lambda x: x**-0.5}
+        tasks = []
+        for function in own.functions:
+            low, high = function.values[0].domain.range
+            x = -np.geomspace(1e-6, -low, DRIVER_ROWS) if low < 0 else np.geomspace(low, high, DRIVER_ROWS)
+            tasks.append(Evaluate(function, x[:, None].astype(np.float32)))
+        out = {}
+        with self._step("the driver's functions"):
+            for task, output in zip(tasks, self._run(runner, tasks, "the driver")):
+                name = task.function.name.removeprefix("driver_")
+                truth = truths[name](task.rows.astype(np.float64))
+                size = 1.0 if name == "log" else np.abs(truth)
+                out[name] = float((np.abs(output.array - truth) / size).max())
         return out
 
     # ---------------------------------------------------------------------------------- correct programs and mistakes

@@ -21,6 +21,7 @@ from typing import Any
 from shadelab import __version__, reference
 from shadelab.errors import UserError
 from shadelab.expected import missing_meshes, public_files
+from shadelab.extremes import FILE as STABILITY
 from shadelab.manifest import Assignment
 from shadelab.mistakes import regions
 from shadelab.paths import ROOT, SCENES, shown
@@ -68,7 +69,9 @@ def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
     write_given(assignment, out / "assignments")
     own = out / "assignments" / assignment.name
     own.mkdir(exist_ok=True)
-    shutil.copy(assignment.directory / "assignment.toml", own)
+    for name in ("assignment.toml", STABILITY):
+        if (assignment.directory / name).exists():
+            shutil.copy(assignment.directory / name, own)
     for file in assignment.check_files:  # they give points here, too, and say nothing of how the solution does it
         (own / "checks").mkdir(exist_ok=True)
         shutil.copy(file, own / "checks")

@@ -2,11 +2,19 @@
 
 from textwrap import fill
 
+from shadelab.extremes import FLOORS
 from shadelab.findings import EDGE_CAP, FACTOR, FULL_MARKS, LITTLE, MISTAKE, NO_MARKS, credit
 from shadelab.manifest import Assignment
 from shadelab.tables import ROWS
 
 MARK = "<!-- rubric -->"
+
+_STABILITY = [
+    "**Stability.** A function that is right is also asked at the ends of its domain: exponents of a million, roughness of 1/10,000, "
+    f"directions a millionth apart. There it may be {FLOORS} times as far off as the rounding of its inputs alone makes; the slide's "
+    "formula to the letter often is not good enough. `./shadelab stability DIR` shows it, and replays the first input that fails.",
+    "",
+]
 
 
 def rubric(assignment: Assignment) -> str:
@@ -14,7 +22,9 @@ def rubric(assignment: Assignment) -> str:
     graded = [f for f in assignment.functions if f.graded]
     functions, images = sum(f.points for f in graded), assignment.points - sum(f.points for f in graded)
     custom = sum(c.points for c in assignment.custom)
-    images -= custom
+    stable = [s for s in assignment.stability.values() if s.points]
+    stability = sum(s.points for s in stable)
+    images -= custom + stability
     hidden = sum(f.points * f.scenes for f in assignment.hidden.family)
     lines = [
         f"**Functions.** Each is evaluated over {ROWS:,} inputs drawn from its domain, many of them close to where it changes quickly and "
@@ -29,6 +39,7 @@ def rubric(assignment: Assignment) -> str:
         f"more than {FACTOR} times what correct programs and a shift of 1/16 pixel make. A pixel that is not a finite number costs at "
         f"least half, and so do edges of which more than {_percent(EDGE_CAP)} is off.",
         "",
+        *(_STABILITY if stable else []),
         f"**Points** are for both languages, half each. What is wrong loses at least {_percent(MISTAKE)}; the rest falls with the "
         f"logarithm of the share of inputs or pixels that are wrong: {_percent(credit(LITTLE))} is left up to {_percent(LITTLE)}, "
         f"{_percent(credit(0.01))} at 1 %, nothing from {_percent(NO_MARKS)} on. Run time is not graded.",
@@ -38,8 +49,10 @@ def rubric(assignment: Assignment) -> str:
         *(f"| `{f.name}`: {f.summary} | {_points(f.points)} |" for f in graded),
         *(f"| scene `{s.name}` | {_points(s.points)} |" for s in assignment.public_scenes),
         *(f"| `{c.name}`: a check of its own | {_points(c.points)} |" for c in assignment.custom),
+        *(f"| `{s.name}`: stability | {_points(s.points)} |" for s in stable),
         *([f"| scenes that you do not see | {_points(hidden)} |"] if hidden else []),
         f"| **all**: functions {_points(functions)}, scenes {_points(images)}"
+        + (f", stability {_points(stability)}" if stability else "")
         + (f", further checks {_points(custom)}" if custom else "")
         + f" | **{_points(assignment.points)}** |",
     ]

@@ -5,6 +5,10 @@ functions change quickly: for a direction declared upper(n) that is n itself, th
 the same hemisphere stands in the row, l and the mirror image of l (for which the half vector is n). Distances are log-spaced.
 """
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
 import numpy as np
 
 from shadelab.manifest import Assignment, Domain, Function, Value
@@ -21,27 +25,42 @@ def make_table(assignment: Assignment, function: Function, seed: int, rows: int 
     """(rows, columns) float32 over the typical domains and the gates. The same seed gives the same table."""
     rng = np.random.default_rng([seed, *function.name.encode()])
     drawn: dict[str, np.ndarray] = {}
-    _draw_values(assignment, function.values, "", rows, rng, drawn)
-    _axis_rows(function, drawn)
+    draw_values(assignment, function.values, "", rows, rng, drawn)
+    axis_rows(function, drawn)
     _gate_rows(function, drawn)
-    columns = assignment.input_columns(function)
-    paths = list(dict.fromkeys(c.path for c in columns))
-    return np.concatenate([drawn[p].reshape(rows, -1) for p in paths], axis=1).astype(np.float32)
+    return as_rows(assignment, function, drawn)
 
 
-def _draw_values(
+def as_rows(assignment: Assignment, function: Function, drawn: dict[str, np.ndarray]) -> np.ndarray:
+    """(rows, columns) float32 of what was drawn for each column."""
+    paths = dict.fromkeys(c.path for c in assignment.input_columns(function))
+    return np.concatenate([drawn[p].reshape(len(drawn[p]), -1) for p in paths], axis=1).astype(np.float32)
+
+
+Sampler = Callable[[Domain, int, np.random.Generator], np.ndarray]
+
+
+def draw_values(
     assignment: Assignment,
     values: list[Value],
     prefix: str,
     rows: int,
     rng: np.random.Generator,
     drawn: dict[str, np.ndarray],
+    sample: Sampler | None = None,
+    pinned: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
+    """Fills `drawn` by path. `sample` draws what is no direction of a hemisphere (default: the typical domain); `pinned` paths have
+    a constant."""
     # A hemisphere's normal is drawn before the directions that refer to it, wherever it stands in the argument list.
     for value in sorted(values, key=lambda v: v.domain.kind == "upper"):
         path = prefix + value.name
         if value.domain.kind == "struct":
-            _draw_values(assignment, assignment.structs[value.domain.type].values, path + ".", rows, rng, drawn)
+            members = assignment.structs[value.domain.type].values
+            draw_values(assignment, members, path + ".", rows, rng, drawn, sample, pinned)
+        elif path in pinned:
+            constant = np.array(pinned[path], float)
+            drawn[path] = np.broadcast_to(constant, (rows, *constant.shape)).copy()
         elif value.domain.kind == "upper":
             normal = drawn[prefix + value.domain.base] * (-1 if value.domain.opposite else 1)
             others = [
@@ -53,12 +72,12 @@ def _draw_values(
             ]
             drawn[path] = _upper(normal, others, rng)
         else:
-            drawn[path] = _typical(value.domain, rows, rng)
+            drawn[path] = (sample or _typical)(value.domain, rows, rng)
 
 
 def _typical(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
     if domain.kind == "unit":
-        return _unit(rng.normal(size=(rows, 3)))
+        return unit_vectors(rng.normal(size=(rows, 3)))
     if domain.kind == "position":
         return rng.uniform(-5, 5, size=(rows, 3))
     if domain.kind == "rgb":
@@ -80,19 +99,19 @@ def _typical(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
 
 def _half_near_ends(values: np.ndarray, low: float, high: float, rng: np.random.Generator) -> np.ndarray:
     near = rng.random(len(values)) < 0.5
-    distance = _log_distances(len(values), NEAREST_HORIZON, rng) * (high - low) / 2
+    distance = log_distances(len(values), NEAREST_HORIZON, rng) * (high - low) / 2
     ends = np.where(rng.random(len(values)) < 0.5, low + distance, high - distance)
     return np.where(near, ends, values)
 
 
-def _log_distances(rows: int, nearest: float, rng: np.random.Generator) -> np.ndarray:
+def log_distances(rows: int, nearest: float, rng: np.random.Generator) -> np.ndarray:
     return np.exp(rng.uniform(np.log(nearest), 0, rows))
 
 
 def _upper(normal: np.ndarray, others: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
     """Half of the rows: uniform over the hemisphere, one in eight of them below it. The other half: near a landmark."""
     rows = len(normal)
-    uniform = _unit(rng.normal(size=(rows, 3)))
+    uniform = unit_vectors(rng.normal(size=(rows, 3)))
     side = np.sign(np.sum(uniform * normal, axis=1)) * np.where(rng.random(rows) < 1 / 8, -1, 1)
     uniform *= side[:, None]
 
@@ -100,17 +119,17 @@ def _upper(normal: np.ndarray, others: list[np.ndarray], rng: np.random.Generato
     for other in others:
         landmarks += [other, 2 * np.sum(normal * other, axis=1, keepdims=True) * normal - other]
     choice = rng.integers(len(landmarks) + 1, size=rows)  # the last one is the horizon
-    near = _unit(rng.normal(size=(rows, 3)))
+    near = unit_vectors(rng.normal(size=(rows, 3)))
     for k, landmark in enumerate(landmarks):
-        near = np.where((choice == k)[:, None], _rotated(landmark, _log_distances(rows, NEAREST_PEAK, rng), rng), near)
-    elevation = _log_distances(rows, NEAREST_HORIZON, rng) * np.where(rng.random(rows) < 0.5, 1, -1)
-    tangent = _unit(np.cross(normal, rng.normal(size=(rows, 3))))
+        near = np.where((choice == k)[:, None], rotated(landmark, log_distances(rows, NEAREST_PEAK, rng), rng), near)
+    elevation = log_distances(rows, NEAREST_HORIZON, rng) * np.where(rng.random(rows) < 0.5, 1, -1)
+    tangent = unit_vectors(np.cross(normal, rng.normal(size=(rows, 3))))
     horizon = tangent * np.cos(elevation)[:, None] + normal * np.sin(elevation)[:, None]
     near = np.where((choice == len(landmarks))[:, None], horizon, near)
-    return _unit(np.where((rng.random(rows) < 0.5)[:, None], uniform, near))
+    return unit_vectors(np.where((rng.random(rows) < 0.5)[:, None], uniform, near))
 
 
-def _axis_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
+def axis_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
     """The last rows stand exactly on the horizon, opposite and equal: every combination of axis-aligned directions, whose dot
     products are exact in every arithmetic."""
     directions = [v.name for v in function.values if v.domain.kind in ("unit", "upper")]
@@ -129,12 +148,12 @@ def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
             drawn[path][k::GATE_STRIDE] = drawn[value][k::GATE_STRIDE] if isinstance(value, str) else value
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
+def unit_vectors(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
-def _rotated(v: np.ndarray, angle: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    tangent = _unit(np.cross(v, rng.normal(size=v.shape)))
+def rotated(v: np.ndarray, angle: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    tangent = unit_vectors(np.cross(v, rng.normal(size=v.shape)))
     return v * np.cos(angle)[:, None] + tangent * np.sin(angle)[:, None]
 
 
@@ -159,6 +178,20 @@ def jittered(assignment: Assignment, function: Function, rows: np.ndarray, units
     return [
         rows * (1 + size * np.take_along_axis(rng.uniform(-1, 1, rows.shape), first, axis=1)) for _ in range(JITTERS)
     ]
+
+
+def moved_one_by_one(assignment: Assignment, function: Function, rows: np.ndarray, units: float = 0.5) -> np.ndarray:
+    """(columns, 2, N, columns): the rows with one number at a time `units` of float32's last place larger, then smaller. As above, zeros
+    stay zero and equal numbers of a row move together."""
+    columns = assignment.input_columns(function)
+    first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)
+    out = np.repeat(rows[None, None], 2, axis=1).repeat(len(columns), axis=0)
+    for k, column in enumerate(columns):
+        if column.domain.type != "int":
+            together = first == k  # empty where an earlier column holds the same number
+            for sign, moved in zip((1, -1), out[k]):
+                moved[together] *= 1 + sign * units * 2.0**-23
+    return out
 
 
 def on_gate(function: Function, drawn: int, rows: int) -> np.ndarray:

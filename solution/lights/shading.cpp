@@ -41,12 +41,16 @@ Real distance_falloff(vec3 abc, Real r) {
 //   slide             "Spotlights: hotspot and falloff"
 Real spot_attenuation(vec3 axis, vec3 to_light, Real hotspot, Real falloff) {
     // STUDENT BEGIN: compare cosines: is the point inside of the hotspot cone, outside of the falloff cone, or between them?
-    Real c = -dot(axis, to_light);
-    Real full = cos(hotspot), none = cos(falloff);
+    // As on the slide: c = -dot(axis, to_light) against cos(hotspot) and cos(falloff). In a cone of a hundredth of a degree all
+    // three round to 1. So 1 - cosine is compared: |axis + to_light|^2 / 2 is 1 - c, and 2 sin^2(angle / 2) is 1 - cos(angle).
+    vec3 apart = axis + to_light;
+    Real x = 0.5 * dot(apart, apart);
+    Real a = sin(0.5 * hotspot), b = sin(0.5 * falloff);
+    Real full = 2.0 * a * a, none = 2.0 * b * b;
     // Both comparisons come before the division: with equal angles it would be by zero, and none is left to divide.
-    if (c >= full) return 1.0;
-    if (c <= none) return 0.0;
-    Real t = (c - none) / (full - none);
+    if (x <= full) return 1.0;
+    if (x >= none) return 0.0;
+    Real t = (none - x) / (none - full);
     return t * t * (3.0 - 2.0 * t);
     // STUDENT END: return 1.0;
 }
@@ -64,10 +68,17 @@ Incident incident_light(Light light, vec3 x) {
     // STUDENT BEGIN: the directional light first; then direction and distance from x, the falloff, and for a spot its factor
     if (light.kind == 1) return Incident(-light.direction, light.intensity);
     vec3 to_light = light.position - x;
-    Real r = length(to_light);
-    if (r == 0.0) return Incident(vec3(0.0), vec3(0.0));
-    vec3 l = to_light / r;
-    vec3 e = light.intensity * distance_falloff(light.attenuation, r);
+    // As on the slide: r = length(to_light) and l = to_light / r. length squares, and float32 has no square of 1e20 or of 1e-23:
+    // so the largest component is divided out first.
+    vec3 size = abs(to_light);
+    Real largest = max(size.x, max(size.y, size.z));
+    if (largest == 0.0) return Incident(vec3(0.0), vec3(0.0));
+    vec3 scaled = to_light / largest;
+    Real s = length(scaled);
+    Real r = largest * s;
+    vec3 l = scaled / s;
+    // Close to the light the falloff overflows, and infinity times a colour channel that is 0 would be no number at all.
+    vec3 e = light.intensity * min(distance_falloff(light.attenuation, r), 3.4e38);
     if (light.kind == 2) e *= spot_attenuation(light.direction, l, light.hotspot, light.falloff);
     return Incident(l, e);
     // STUDENT END: return Incident(vec3(0.0, 1.0, 0.0), vec3(0.5));

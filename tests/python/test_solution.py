@@ -6,7 +6,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from mpmath import mpf
 
 from conftest import ROOT
 from shadelab import exact
@@ -25,37 +24,13 @@ cases = [
 ]
 
 
-def nested(assignment, values, row):
-    """A row's numbers as the arguments of an exact function; directions are unit to 50 digits."""
-    out = []
-    for value in values:
-        if value.domain.kind == "struct":
-            members = assignment.structs[value.domain.type].values
-            out.append(dict(zip([m.name for m in members], nested(assignment, members, row))))
-            continue
-        width = len(assignment.columns([value]))
-        numbers = exact.vector(*(float(row.pop(0)) for _ in range(width)))
-        if value.domain.kind in ("unit", "upper"):
-            numbers = exact.normalize(numbers)
-        out.append(numbers if width > 1 else numbers[0])
-    return out
-
-
-def flat(value):
-    if isinstance(value, dict):
-        return [number for member in value.values() for number in flat(member)]
-    return [value] if isinstance(value, (mpf, int)) else list(value)
-
-
 @pytest.mark.parametrize("assignment, function", cases, ids=[f"{a.name}-{f.name}" for a, f in cases])
 def test_double_build_agrees_with_50_digits(assignment, function):
-    module = exact.load(assignment.directory / "exact.py")
     table = load(assignment).table(function)
     rows, truth = table.rows, table.truth
     # Every tenth row, and the exact gates at the end of those that are drawn.
     chosen = np.r_[np.arange(0, len(rows), len(rows) // ROWS), np.arange(table.drawn - 40, table.drawn)]
-    wanted = [flat(getattr(module, function.name)(*nested(assignment, function.values, list(rows[k])))) for k in chosen]
-    wanted = np.array([[float(x) for x in row] for row in wanted])
+    wanted = exact.evaluate(assignment, function, rows[chosen])
     # Rounding in double instead of float32 changes the truth 2^29 times less.
     conditioning = table.conditioning[chosen] * 2.0**-29
     exactly = Table(rows[chosen], wanted, conditioning, len(chosen))

@@ -51,6 +51,10 @@
 //
 // Most functions of vectors are GLM's, which argument-dependent lookup finds. Here are those of scalars, those that GLM
 // would not match because of a literal's type, and those where ours vectorise and GLM's do not.
+namespace shadelab {
+class half;  // half.hpp, for studies
+}
+
 namespace shadelab::glsl {
 using Real = SHADELAB_REAL;
 }
@@ -59,7 +63,8 @@ using Real = SHADELAB_REAL;
 namespace shadelab::gen {
 
 using glsl::Real;
-static_assert(std::is_same_v<Real, float> || std::is_same_v<Real, double>, "SHADELAB_REAL is float or double");
+static_assert(std::is_same_v<Real, float> || std::is_same_v<Real, double> || std::is_same_v<Real, half>,
+              "SHADELAB_REAL is float or double");
 
 template <glm::length_t L>
 using vec = glm::vec<L, Real>;
@@ -69,7 +74,7 @@ using mat = glm::mat<C, R, Real>;
 // GLM's templates want every scalar beside a vec3 to be a Real. An overload for a Number would be ambiguous with them
 // for Real itself, so it is for the other ones.
 template <typename T>
-concept Number = std::is_arithmetic_v<T>;
+concept Number = std::is_arithmetic_v<T> || std::is_same_v<T, half>;
 template <typename T>
 concept OtherNumber = Number<T> && !std::is_same_v<T, Real>;
 

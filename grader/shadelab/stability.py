@@ -1,0 +1,212 @@
+"""stability: how functions do at the ends of their domains, in floors of what the inputs' own rounding makes: float and double, C++
+and GLSL, against 50 digits."""
+
+import json
+import platform
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shadelab import intake, reference
+from shadelab.build import FUNCTIONS, BuildError, Recipe
+from shadelab.errors import UserError
+from shadelab.evidence import CppRunner, Evaluate, GlslRunner
+from shadelab.expected import Expected
+from shadelab.extremes import FLOORS, ROUNDINGS, Stability, judge
+from shadelab.manifest import Assignment, Function, named_arrays
+from shadelab.paths import shown
+from shadelab.sandbox import Sandbox, work_folder
+from shadelab.tables import renormalised
+
+DOUBLE = Recipe(double=True, loops=())
+SERIES = {"cpp": "C++ float", "double": "C++ double", "glsl": "GLSL"}
+SCHEMA = "shadelab/stability/1"
+
+
+def judge_extremes(
+    assignment: Assignment, expected: Expected, function: Function, backend: str, actual: np.ndarray
+) -> Stability:
+    """backend: cpp | double | glsl; all by the limits of float32, the driver's functions excused in GLSL."""
+    declared = assignment.stability.get(function.name)
+    return judge(
+        assignment.input_columns(function),
+        assignment.output_columns(function),
+        expected.stable_table(function),
+        actual,
+        expected.driver(backend),
+        declared.reciprocal if declared else None,
+    )
+
+
+def describe(stability: Stability, double: Stability | None = None) -> str:
+    """What is wrong, in a sentence. `double`: how the same lines do in double."""
+    if not stability.faults:
+        return ""
+    parts = []
+    for kind in dict.fromkeys(fault.kind for fault in stability.faults):
+        rows = [fault.row for fault in stability.faults if fault.kind == kind]
+        parts.append(
+            f"{kind} for {len(rows)} of {len(stability.table.rows)} extreme inputs ({_some(stability.labels(kind))})"
+        )
+    if np.isfinite(stability.worst):
+        parts.append(f"up to {stability.worst:.3g} times what rounding of the inputs explains")
+    if double is not None and not double.faults:
+        parts.append("the same lines are right in double: the algebra loses digits that float32 does not have")
+    return "; ".join(parts)
+
+
+def _some(names: list[str], most: int = 3) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+# ---------------------------------------------------------------------------------------------------- the command
+
+
+@dataclass
+class Line:
+    """One function: what came of it in each series, or why nothing did."""
+
+    function: Function
+    found: dict[str, Stability] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def first(self) -> tuple[str, int] | None:
+        """Series and row of the first failing input; the double build is no one's grade."""
+        for series in ("cpp", "glsl"):
+            if series in self.found and self.found[series].faults:
+                return series, self.found[series].faults[0].row
+        return None
+
+    @property
+    def stable(self) -> bool:
+        return self.first is None and not {"cpp", "glsl"} & set(self.failures)
+
+
+@dataclass
+class Report:
+    assignment: Assignment
+    expected: Expected
+    lines: list[Line]
+    notes: list[str]
+    replays: dict[str, str] = field(default_factory=dict)  # by function: the line that replays its first failing input
+
+    @property
+    def stable(self) -> bool:
+        return all(line.stable for line in self.lines)
+
+    def to_json(self) -> str:
+        functions = []
+        for line in self.lines:
+            entry: dict[str, Any] = {"function": line.function.name, "stable": line.stable, "series": {}}
+            for series, found in line.found.items():
+                entry["series"][series] = {
+                    "worst": found.worst if np.isfinite(found.worst) else None,
+                    "inputs": len(found.table.rows),
+                    "faults": {
+                        kind: len([f for f in found.faults if f.kind == kind])
+                        for kind in sorted({f.kind for f in found.faults})
+                    },
+                    "cases": found.labels(),
+                }
+            entry["failures"] = line.failures
+            declared = self.assignment.stability.get(line.function.name)
+            if not line.stable and declared and declared.idea:
+                entry["idea"] = declared.idea
+            if line.first:
+                series, row = line.first
+                entry["first"] = {"series": series, **_input(self.assignment, line.function, line.found[series], row)}
+                entry["first"]["replay"] = self.replays.get(line.function.name, "")
+            functions.append(entry)
+        facts = self.expected.facts
+        out = {
+            "schema": SCHEMA, "assignment": self.assignment.name, "stable": self.stable, "machine": platform.machine(),
+            "limit": {"floors": FLOORS, "roundings": ROUNDINGS, "driver": facts.driver, "gl": facts.gl},
+            "notes": self.notes, "functions": functions,
+        }  # fmt: skip
+        return json.dumps(out, indent=1, allow_nan=False) + "\n"
+
+
+def measure(assignment: Assignment, submission: Path, progress: Callable[[str, int, int], None]) -> Report:
+    """Every declared function that the submission holds, worked examples and given models included."""
+    expected = reference.load(assignment, progress)
+    lines = [Line(function) for function in assignment.functions]
+    notes: list[str] = []
+    with work_folder("stability") as folder:
+        files = intake.take(submission, assignment, folder / "submission")
+        for refusal in filter(None, files.values()):
+            raise UserError(refusal)
+        runners = {
+            "cpp": CppRunner(assignment, Sandbox(folder / "cpp"), FUNCTIONS),
+            "double": CppRunner(assignment, Sandbox(folder / "double"), DOUBLE),
+            "glsl": GlslRunner(assignment, Sandbox(folder / "glsl")),
+        }
+        done = 0
+        for series, runner in runners.items():
+            try:
+                progress(f"{SERIES[series]}: compiling", done, 3 * len(lines))
+                runner.build(folder / "submission")
+            except BuildError as error:
+                if series != "double":
+                    raise UserError(error.message) from None
+                notes.append(
+                    "it does not compile in double, so float is not compared with double: "
+                    + error.message.splitlines()[0]
+                )
+                continue
+            tasks = [
+                Evaluate(line.function, stable_inputs(assignment, expected, line.function, series)) for line in lines
+            ]
+            for line, (_, output) in zip(lines, runner.run(tasks)):
+                done += 1
+                progress(f"{SERIES[series]}: {line.function.name}", done, 3 * len(lines))
+                if output.array is None:
+                    line.failures[series] = output.failure
+                else:
+                    line.found[series] = judge_extremes(assignment, expected, line.function, series, output.array)
+    return Report(assignment, expected, lines, notes)
+
+
+def stable_inputs(assignment: Assignment, expected: Expected, function: Function, series: str) -> np.ndarray:
+    """In double, directions are unit vectors in double, too: what is compared is the algebra, not what float32 made of the inputs."""
+    rows = expected.stable_table(function).rows
+    return renormalised(assignment, function, rows) if series == "double" else rows
+
+
+def write_inputs(report: Report, submission: Path, out: Path, named: list[str]) -> None:
+    """For each unstable function its first failing input as a file, and the line that replays it."""
+    for line in report.lines:
+        if line.first is None:
+            continue
+        series, row = line.first
+        out.mkdir(parents=True, exist_ok=True)
+        file = out / f"{series}-{line.function.name}.npz"
+        rows = line.found[series].table.rows[row : row + 1]
+        np.savez(file, **named_arrays(report.assignment.input_columns(line.function), rows))
+        command = ["eval", shown(submission), line.function.name, "--backend", series, "--inputs", shown(file), *named]
+        report.replays[line.function.name] = shlex.join(["./shadelab", *command])
+
+
+def first_input(assignment: Assignment, function: Function, stability: Stability) -> dict[str, Any]:
+    """The first failing input: case, kind, inputs, expected and actual, as numbers or, where not finite, words."""
+    return _input(assignment, function, stability, stability.faults[0].row)
+
+
+def _input(assignment: Assignment, function: Function, stability: Stability, row: int) -> dict[str, Any]:
+    inputs = named_arrays(assignment.input_columns(function), stability.table.rows[row : row + 1])
+    kind = next((fault.kind for fault in stability.faults if fault.row == row), "")
+    return {
+        "case": str(stability.table.labels[row]),
+        "kind": kind,
+        "inputs": {name: _numbers(value[0]) for name, value in inputs.items()},
+        "expected": _numbers(stability.table.truth[row]),
+        "actual": _numbers(stability.actual[row]),
+    }
+
+
+def _numbers(values: np.ndarray) -> list[float | str]:
+    return [float(v) if np.isfinite(v) else str(float(v)) for v in np.atleast_1d(values)]

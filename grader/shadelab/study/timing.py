@@ -1,0 +1,197 @@
+"""Programs that draw a scene's frames and time them.
+
+The solution's stand by, as in the benchmark, and draw on request. A student's run behind the sandbox: each request is a process
+that loads the scene, draws one frame that does not count, then those that do, and ends.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from shadelab.bench import Bench, Progress, Resident, frames_command, make_packet
+from shadelab.build import BuildError, Recipe, build_plugin
+from shadelab.errors import InfrastructureError, UserError
+from shadelab.evidence import DRAW_LIMITS, Draw, GlslRunner, _load_image
+from shadelab.manifest import Assignment, Scene
+from shadelab.paths import RENDER, shown
+from shadelab.sandbox import Sandbox
+
+Shift = tuple[float, float]  # pixels right and up
+UNMOVED: Shift = (0.0, 0.0)
+ANSWERS_KEPT = 1 << 20  # bytes; a student's code prints into the same stream
+
+
+@dataclass
+class Drawn:
+    seconds: float  # of drawing alone, summed over the frames
+    image: np.ndarray | None  # their mean, (H, W, 3) float64
+
+
+class Program(Protocol):
+    def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> Drawn:
+        """A frame for each shift."""
+
+
+class Standing:
+    """A program of ours that has the scene loaded. OpenGL's knows no shifts."""
+
+    def __init__(self, resident: Resident, file: Path) -> None:
+        self.resident, self.file, self.shift = resident, file, UNMOVED
+
+    def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> Drawn:
+        seconds, mean = 0.0, 0.0
+        for shift in shifts:
+            if shift != self.shift:
+                self.resident.ask(f"shift {_text(shift)}")
+                self.shift = shift
+            seconds += self.resident.draw() / 1000
+            if image:
+                mean = mean + self.resident.image(self.file)[..., :3].astype(float) / len(shifts)
+        return Drawn(seconds, mean if image else None)
+
+
+class SandboxedCpp:
+    """Each request is a process of its own, with a student's plugin."""
+
+    def __init__(self, sandbox: Sandbox, command: list[str], what: str) -> None:
+        self.sandbox, self.command, self.what = sandbox, command, what
+
+    def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> Drawn:
+        files = [self.sandbox.fresh(f"frame-{k}.npy") for k in range(len(shifts) if image else 0)]
+        lines = ["draw"]
+        for k, shift in enumerate(shifts):
+            lines += [f"shift {_text(shift)}", "draw", *([f"write {files[k]}"] if image else [])]
+        requests = self.sandbox.fresh("requests")
+        requests.write_text("\n".join(lines) + "\n")
+        command = ["sh", "-c", 'requests=$1; shift; exec "$@" < "$requests"', "sh", str(requests), *self.command]
+        outcome = self.sandbox.run(command, DRAW_LIMITS)
+        if not outcome.ok:
+            raise UserError(f"{self.what}: the render {outcome.explain(DRAW_LIMITS)}")
+        times = list(_times(outcome.stdout.decode(errors="replace")))[1:]
+        try:
+            images = [_load_image(file)[..., :3].astype(float) for file in files]
+        except (OSError, ValueError):
+            images = []
+        if len(times) != len(shifts) or len(images) != len(files):
+            raise UserError(
+                f"{self.what}: the render ended without giving its frames (does the code call exit, or print a lot?)"
+            )
+        return Drawn(sum(times), np.mean(images, axis=0) if image else None)
+
+
+def _text(shift: Shift) -> str:
+    return f"{float(shift[0])!r},{float(shift[1])!r}"
+
+
+def _times(printed: str) -> Iterator[float]:
+    """The renderer's answers among whatever the student's code prints."""
+    for line in printed.splitlines():
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(answer, dict) and isinstance(ms := answer.get("ms"), int | float) and math.isfinite(ms):
+            yield ms / 1000
+
+
+class SandboxedGlsl:
+    def __init__(self, runner: GlslRunner, scene: Path, packet: Path) -> None:
+        self.runner, self.scene, self.packet = runner, scene, packet
+
+    def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> Drawn:
+        [(_, drawn)] = self.runner.run([Draw(Scene(self.scene.stem, self.scene, 0), self.packet)])
+        if drawn.array is None:
+            raise UserError(f"{shown(self.scene)}: the render {drawn.failure}")
+        return Drawn(drawn.frame, drawn.array[..., :3].astype(float))
+
+
+@dataclass
+class Workbench:
+    """What the measurements of a study share. `student`: whose code is measured instead of the solution's."""
+
+    folder: Path
+    progress: Progress
+    student: Path | None = None
+    bench: Bench = field(init=False)
+    drivers: set[str] = field(default_factory=set)  # of OpenGL, as they call themselves
+
+    def __post_init__(self) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # One thread: a time is then the work that is done, and not also how it was shared out; and whatever else the machine does
+        # disturbs it less. The benchmark says what a second thread gains.
+        self.bench = Bench(self.folder, 1, None, 0)
+
+    @cached_property
+    def sandbox(self) -> Sandbox:
+        return Sandbox(self.folder / "sandbox", ANSWERS_KEPT)
+
+    def plugin(self, assignment: Assignment, recipe: Recipe, folder: Path) -> Path:
+        try:
+            return build_plugin(assignment, folder / "shading.cpp", self.sandbox, recipe).file
+        except BuildError as error:
+            if folder == self.student:
+                raise UserError(error.message) from None
+            raise InfrastructureError(f"{shown(folder)}: {error.message}") from None
+        except FileNotFoundError:
+            raise UserError(f"{shown(folder / 'shading.cpp')}: is missing; --shading names a folder with it") from None
+
+    @contextmanager
+    def cpp(
+        self,
+        scene: Path,
+        assignment: Assignment,
+        loops: Sequence[str] = (),
+        double: bool = False,
+        full: bool = False,
+        options: Sequence[str] = (),
+        ours: bool = False,
+    ) -> Iterator[Program]:
+        """C++ with what the scene needs (`loops`), or with everything. `ours`: the solution's code, whoever is measured."""
+        student = None if ours else self.student
+        lean = Recipe(double, functions=False, loops=tuple(sorted(loops)), terms=False)
+        plugin = self.plugin(assignment, Recipe(double) if full else lean, student or assignment.directory)
+        given = [*options, *(["--full"] if full else [])]
+        if student:
+            threads = ["--threads", str(self.bench.threads)]
+            command = frames_command(scene, assignment.directory, [*given, *threads], plugin)
+            yield SandboxedCpp(self.sandbox, command, shown(scene))
+        else:
+            with self.bench.frames(scene, assignment.directory, given, plugin) as resident:
+                yield Standing(resident, self.folder / "frame.npy")
+
+    @contextmanager
+    def glsl(self, scene: Path, assignment: Assignment, full: bool = False) -> Iterator[Program]:
+        options = ["--full"] if full else []
+        if not self.student:
+            with self.bench.llvmpipe(scene, assignment.directory, options) as resident:
+                self.drivers.add(resident.ready["gl"])
+                yield Standing(resident, self.folder / "frame.npy")
+            return
+        if not (self.student / "shading.glsl").is_file():
+            raise UserError(f"{shown(self.student / 'shading.glsl')}: is missing; --shading names a folder with it")
+        packet = self.folder / f"{'full' if full else 'lean'}-{scene.parent.name}-{scene.stem}.packet"
+        make_packet(scene, assignment.directory, options, packet)
+        runner = GlslRunner(assignment, self.sandbox)
+        try:
+            runner.build(self.student)
+        except BuildError as error:
+            raise UserError(error.message) from None
+        self.drivers.add(runner.gl)
+        yield SandboxedGlsl(runner, scene, packet)
+
+    def needs(self, scene: Path, assignment: Assignment) -> dict:
+        """What the scene needs of a plugin (loops), and the names of what is left out."""
+        command = [str(RENDER), "needs", str(scene), "--assignment", str(assignment.directory), "--explain"]
+        outcome = self.sandbox.run(command)
+        if outcome.returncode == 2:
+            raise UserError(outcome.stderr.strip())
+        if not outcome.ok:
+            raise InfrastructureError(f"shadelab-render needs: {outcome.explain(DRAW_LIMITS)}")
+        return json.loads(outcome.stdout)
