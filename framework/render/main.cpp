@@ -122,7 +122,9 @@ std::string json_vector(glm::dvec3 v) {
     return "[" + json_number(v.x) + ", " + json_number(v.y) + ", " + json_number(v.z) + "]";
 }
 
-void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const std::string& file) {
+/// repeats: seconds of further frames, if any.
+void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const std::vector<double>& repeats,
+                      const std::string& file) {
     std::ofstream out(file);
     int dropped = 0, cancelled = 0;
     for (const Mesh& mesh : loaded.meshes) {
@@ -134,7 +136,10 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
         << ", \"not_finite_vertices\": " << s.not_finite_vertices << ", \"fragments\": " << s.fragments
         << ", \"fallback_normals\": " << s.fallback_normals << ", \"lights_at_surface\": " << s.lights_at_surface
         << ", \"milliseconds\": {\"vertices\": " << s.vertex_ms << ", \"bins\": " << s.bin_ms
-        << ", \"tiles\": " << s.tile_ms << "}, \"not_finite_fragments\": " << s.not_finite_fragments;
+        << ", \"tiles\": " << s.tile_ms << "}, \"not_finite_fragments\": " << s.not_finite_fragments
+        << ", \"repeats\": [";
+    for (size_t i = 0; i < repeats.size(); ++i) out << (i ? ", " : "") << repeats[i];
+    out << "]";
     if (s.first_not_finite) {
         const NotFinite& f = *s.first_not_finite;
         out << ", \"first_not_finite\": {\"x\": " << f.x << ", \"y\": " << f.y << ", \"material\": \"" << f.material
@@ -271,7 +276,17 @@ void draw_image(const Options& options, const LoadedScene& loaded, const PluginL
     const DrawStatistics statistics =
         draw<Real>(loaded.scene, loaded.features, loaded.meshes, checked_table<Real>(options, loaded, library), image);
     report(statistics);
-    if (!options.statistics.empty()) write_statistics(statistics, loaded, options.statistics);
+    std::vector<double> repeats;  // the image has warmed caches and clock
+    if (options.repeat) {
+        Workspace workspace;
+        Film again = empty_film(options, loaded);
+        for (int turn = 0; turn < options.repeat; ++turn) {
+            const double start = now_ms();
+            draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, again, &workspace);
+            repeats.push_back((now_ms() - start) / 1000);
+        }
+    }
+    if (!options.statistics.empty()) write_statistics(statistics, loaded, repeats, options.statistics);
     if (!options.output.empty()) write_image(options, image, options.output);
 }
 
@@ -536,6 +551,8 @@ int main(int argc, char** argv) {
     image->add_option("--threads", options.threads, "number of threads (default: all cores)")
         ->check(CLI::Range(1, 1024));
     image->add_option("--statistics", options.statistics, "write counts and times as JSON");
+    image->add_option("--repeat", options.repeat, "draw so many further frames, for --statistics")
+        ->check(CLI::Range(0, 1000));
     image->add_option("--full-plugin", options.full_plugin,
                       "with --explain: a plugin that leaves nothing out, to measure with");
     CLI::App* needs = app.add_subcommand(

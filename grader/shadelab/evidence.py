@@ -4,11 +4,12 @@ a crash, a hang or a wrong output costs the one task that it happened in."""
 import json
 import os
 import shutil
+import statistics
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ EVALUATE_LIMITS = Limits(seconds=5)
 DRAW_LIMITS = Limits(seconds=20)
 # llvmpipe and numpy reserve more address space than they use.
 GL_MEMORY = 4 << 30
+FRAMES = 3  # drawn after the image to measure the time of one
 START_SECONDS = 30  # for the client to start, on a machine that is busy with other things
 
 
@@ -55,8 +57,13 @@ class Output:
     hung: bool = False
     printed: str = ""
     seconds: float = 0.0
-    frame: float | None = None  # seconds of drawing alone, without loading and compiling
+    frames: list[float] = field(default_factory=list)  # seconds of further frames: without loading and compiling
     first_not_finite: str | None = None  # where, and with what inputs
+
+    @property
+    def frame(self) -> float | None:
+        """Seconds: the median."""
+        return statistics.median(self.frames) if self.frames else None
 
 
 def _printed(raw: bytes) -> str:
@@ -104,11 +111,11 @@ class CppRunner:
         return output
 
     def draw(self, task: Draw) -> Output:
-        image, statistics = self.sandbox.fresh("image.npy"), self.sandbox.fresh("statistics.json")
+        image, counts = self.sandbox.fresh("image.npy"), self.sandbox.fresh("statistics.json")
         command = [
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
-            "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(statistics),
-            *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
+            "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(counts),
+            "--repeat", str(FRAMES), *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
             *([f"--shift={task.shift[0]},{task.shift[1]}"] if any(task.shift) else []),
         ]  # fmt: skip
         outcome = self._run(command, DRAW_LIMITS)
@@ -118,7 +125,7 @@ class CppRunner:
             return output
         try:
             output.array = _load_image(image)
-            output.first_not_finite, output.frame = _read_statistics(statistics)
+            output.first_not_finite, output.frames = _read_statistics(counts)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
@@ -139,13 +146,15 @@ def _load_image(file: Path) -> np.ndarray:
     return image
 
 
-def _read_statistics(file: Path) -> tuple[str | None, float]:
-    """The renderer's note of where a value that is not finite first stood, as a sentence, and the frame's seconds."""
+def _read_statistics(file: Path) -> tuple[str | None, list[float]]:
+    """The renderer's note of where a value that is not finite first stood, as a sentence, and the seconds of further frames."""
     if not _regular(file) or file.stat().st_size > 1 << 16:
         raise ValueError("no statistics")
-    statistics = json.loads(file.read_text())
-    seconds = sum(float(ms) for ms in statistics["milliseconds"].values()) / 1000
-    first = statistics.get("first_not_finite")
+    counts = json.loads(file.read_text())
+    seconds = [float(s) for s in counts["repeats"][:FRAMES]]
+    if not all(0 < s < DRAW_LIMITS.seconds for s in seconds):
+        raise ValueError("no seconds")
+    first = counts.get("first_not_finite")
     if first is None:
         return None, seconds
     n, x, v = ("(" + ", ".join(f"{float(c):.6g}" for c in first[name]) + ")" for name in ("n", "position", "v"))
@@ -212,6 +221,7 @@ class GlslRunner:
                 job = {
                     "kind": "draw",
                     "packet": str(Path(task.packet).resolve()),
+                    "frames": FRAMES,
                     "output": str(target.with_suffix(".npy")),
                 }
                 jobs.append((job, None, DRAW_LIMITS))
@@ -269,7 +279,7 @@ class GlslRunner:
             first += given
 
     def _output(self, job: tuple[dict, tuple | None, Limits], result: dict) -> Output:
-        output = Output(seconds=result["seconds"], frame=result["frame"])
+        output = Output(seconds=result["seconds"], frames=result["frames"])
         if result["error"] and not result["students"]:
             raise InfrastructureError(result["error"])
         if result["error"]:

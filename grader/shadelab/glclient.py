@@ -102,19 +102,20 @@ class Client:
 
     # ----------------------------------------------------------------------------------------------------- scenes
 
-    def draw(self, packet: Packet) -> tuple[np.ndarray, float]:
+    def draw(self, packet: Packet, frames: int = 0) -> tuple[np.ndarray, list[float]]:
         """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them. And the seconds
-        that drawing it takes."""
-        images, seconds = [], 0.0
+        of further frames."""
+        images, seconds = [], [0.0] * frames
         for each in passes(packet.header):
             frame = Frame(self, packet, each)
             frame.draw()
             images.append(frame.read())
-            # The first drawing has compiled; another tells what one takes.
-            start = time.perf_counter()
-            frame.draw()
-            self.context.finish()
-            seconds += time.perf_counter() - start
+            # The first drawing has compiled; others tell what one takes.
+            for turn in range(frames):
+                start = time.perf_counter()
+                frame.draw()
+                self.context.finish()
+                seconds[turn] += time.perf_counter() - start
             frame.release()
         return film(packet.header, images), seconds
 
@@ -278,18 +279,18 @@ def box_filter(image: np.ndarray, n: int) -> np.ndarray:
     return image.reshape(height // n, n, width // n, n, channels).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
-def run(job: dict[str, Any], client: Client) -> float | None:
-    """Returns the seconds of a frame alone, where one is drawn."""
+def run(job: dict[str, Any], client: Client) -> list[float]:
+    """Returns the seconds of frames alone, where they are drawn."""
     if job["kind"] == "compile":
         client.compile()
     elif job["kind"] == "evaluate":
         rows = np.fromfile(job["rows"], np.float32).reshape(-1, job["columns_in"])
         client.evaluate(Path(job["main"]).read_text(), rows, job["columns_out"]).tofile(job["output"])
     else:
-        image, seconds = client.draw(Packet(Path(job["packet"])))
+        image, seconds = client.draw(Packet(Path(job["packet"])), job["frames"])
         np.save(job["output"], image)
         return seconds
-    return None
+    return []
 
 
 def main() -> None:
@@ -299,10 +300,10 @@ def main() -> None:
         status.write(json.dumps({"gl": describe(client.context)}) + "\n")
         for index, job in enumerate(task["jobs"]):
             status.write(json.dumps({"begin": index}) + "\n")
-            start, message, students, frame = time.perf_counter(), None, False, None
+            start, message, students, frames = time.perf_counter(), None, False, []
             try:
                 client.student = Path(job.get("student", task["student"])).read_text(errors="replace")
-                frame = run(job, client)
+                frames = run(job, client)
             except ShaderError as error:
                 message, students = str(error), True
             except UserError as error:
@@ -310,7 +311,7 @@ def main() -> None:
             except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told
                 message = f"the OpenGL client failed: {type(error).__name__}: {error}"
             seconds = time.perf_counter() - start
-            end = {"end": index, "error": message, "students": students, "seconds": seconds, "frame": frame}
+            end = {"end": index, "error": message, "students": students, "seconds": seconds, "frames": frames}
             status.write(json.dumps(end) + "\n")
 
 

@@ -37,7 +37,7 @@ from shadelab.manifest import Assignment, CustomCheck, Function, Scene, find_ass
 from shadelab.mistakes import load_changes, with_bodies
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
-from shadelab.result import Check, Error, Mistake, Point, Result, Worst
+from shadelab.result import Check, Error, Mistake, Point, Result, Worst, point_of
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
 from shadelab.stability import DOUBLE, describe, first_input, judge_extremes, stable_inputs
 from shadelab.tables import jittered, renormalised
@@ -474,9 +474,8 @@ class _BackendGrader:
             check, limit = judged.check, judged.limit
             check.runs = [Point(**run) for run in truth.facts.runs]
             off = layers[..., :3].astype(np.float64) - truth.total
-            if output.frame and np.isfinite(off).all():
-                yours = Point(series="yours", rmse=float(np.sqrt(np.mean(np.square(off)))), seconds=output.frame)
-                check.runs.insert(0, yours)
+            if output.frames and np.isfinite(off).all():
+                check.runs.insert(0, point_of("yours", off, output.frames))
         else:
             failure = output.failure or f"gave an image of another size: {layers.shape}"
             check = _check(plan, "failed", f"{plan.item.name}: the render {failure}")

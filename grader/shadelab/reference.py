@@ -29,6 +29,7 @@ from shadelab.manifest import Assignment, Function, Scene, load_assignment, name
 from shadelab.mistakes import Change, load_changes, slide_formulas, write_submission
 from shadelab.packet import Packet
 from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, SHIPPED, shown
+from shadelab.result import point_of
 from shadelab.sandbox import Limits, Sandbox
 from shadelab.tables import jittered, make_table, moved_one_by_one, on_gate, renormalised
 from shadelab.toml_files import read_toml
@@ -127,11 +128,11 @@ class Drawn:
 
     name: str
     folder: Path
-    seconds: dict[str, float] = field(default_factory=dict)  # by scene, of one cold frame
+    frames: dict[str, list[float]] = field(default_factory=dict)  # by scene, the seconds of each
 
     def add(self, scene: Scene, output: Output) -> None:
         np.save(self.folder / f"{scene.name}.npy", output.array[..., :3])
-        self.seconds[scene.name] = output.frame
+        self.frames[scene.name] = output.frames
 
     def total(self, scene: Scene) -> np.ndarray:
         return np.load(self.folder / f"{scene.name}.npy")
@@ -224,6 +225,7 @@ class _Making:
         [drawn] = self._outputs(double, [Draw(scene, layers="all")], PLAIN)
         facts = packet.header["scene"]
         truth = SceneTruth.of(drawn.array, np.array(facts["eye"]), facts["fov_y"] / packet.header["height"])
+        truth.facts.runs.append(point_of(f"{PLAIN}, C++ double", np.zeros(1), drawn.frames).model_dump())
         names = [(value.name, self.assignment.columns([value])) for value in self.assignment.structs["Light"].values]
         for flat in facts["lights"]:
             light, at = {}, 0
@@ -246,8 +248,8 @@ class _Making:
             total = program.total(scene)
             errors[program.name] = pixel_error(total, truth)[interior]
             if program.name.startswith(PLAIN) and "fused" not in program.name:
-                rmse = float(np.sqrt(np.mean(np.square(total.astype(np.float64) - truth.total))))
-                truth.facts.runs.append({"series": program.name, "rmse": rmse, "seconds": program.seconds[scene.name]})
+                off = total.astype(np.float64) - truth.total
+                truth.facts.runs.append(point_of(program.name, off, program.frames[scene.name]).model_dump())
         if interior.any():
             truth.facts.spread = {name: float(np.quantile(e, 1 - FULL_MARKS)) for name, e in errors.items()}
             # Each by the limits that the others set.

@@ -2,9 +2,11 @@
 
 import json
 import os
+import statistics
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel
 
 SCHEMA = "shadelab/result/1"
@@ -38,7 +40,17 @@ class Point(BaseModel):
 
     series: str  # "yours", "solution, C++", ...
     rmse: float  # of the linear total, against the double reference
-    seconds: float  # of one frame, without loading and compiling
+    seconds: float  # of one frame, without loading and compiling: the median of `frames`
+    least: float = 0.0  # seconds
+    most: float = 0.0
+    frames: int = 1
+
+
+def point_of(series: str, off: np.ndarray, frames: list[float]) -> Point:
+    """off: what the image is off by; frames: seconds of each."""
+    rmse = float(np.sqrt(np.mean(np.square(off))))
+    middle = statistics.median(frames)
+    return Point(series=series, rmse=rmse, seconds=middle, least=min(frames), most=max(frames), frames=len(frames))
 
 
 class Check(BaseModel):

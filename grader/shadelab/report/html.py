@@ -606,7 +606,8 @@ def _plot(name: str, series: dict[str, list[Point]]) -> Plot:
     points = [p for own in series.values() for p in own]
     errors = [p.rmse for p in points if p.rmse > 0] or [1e-6]
     low, high = math.log10(min(errors)) - 0.3, math.log10(max(errors)) + 0.3
-    left, right = (math.log10(f(p.seconds for p in points)) + d for f, d in ((min, -0.15), (max, 0.15)))
+    times = [s for p in points for s in (p.seconds, p.least, p.most) if s > 0]
+    left, right = math.log10(min(times)) - 0.15, math.log10(max(times)) + 0.15
     low, high = (low, high) if high - low > 1 else ((low + high) / 2 - 0.7, (low + high) / 2 + 0.7)
     left, right = (left, right) if right - left > 1 else ((left + right) / 2 - 0.6, (left + right) / 2 + 0.6)
     wide, tall, x0, x1, y1 = 340, 250, 58, 314, 206  # the drawing, its axes' ends: left, right, bottom
@@ -646,8 +647,12 @@ def _plot(name: str, series: dict[str, list[Point]]) -> Plot:
             out.append(f'<path class="line {style}" d="M{"L".join(f"{x} {y}" for x, y in places)}"/>')
         for (x, y), point in zip(places, own):
             label = f"{what}: {point.rmse:.3g}, {1e3 * point.seconds:.3g} ms"
+            if point.least > 0:
+                ends = " ".join(f"{place(s, point.rmse)[0]} {y}" for s in (point.least, point.most))
+                out.append(f'<path class="spread {style}" d="M{ends}"/>')
             out.append(f'<g class="{style}"><title>{escape(label)}</title>{_mark(k, x, y, 6 if yours else 4)}</g>')
-            rows.append((what, f"{point.rmse:.3g}", f"{1e3 * point.seconds:.3g}"))
+            spread = f" ({1e3 * point.least:.3g} to {1e3 * point.most:.3g})" if point.frames > 1 else ""
+            rows.append((what, f"{point.rmse:.3g}", f"{1e3 * point.seconds:.3g}{spread}"))
         key.append(f'<li><svg width="16" height="14" aria-hidden="true"><g class="{style}">{_mark(k, 8, 7, 5)}</g></svg> '
                    f"{escape(what)}</li>")  # fmt: skip
     title = escape(f"Error against run time of {name}; the numbers are in the table below")
