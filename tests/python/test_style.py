@@ -7,7 +7,7 @@ from pathlib import Path
 from conftest import ROOT
 
 BIN = Path(sys.executable).parent
-PYTHON = ["grader", "tests", "scenes", "docs", "solution"]
+PYTHON = ["grader", "tests", "scenes", "docs", "solution", "studies"]
 
 
 def run(*command):
