@@ -208,6 +208,71 @@ def cube() -> Mesh:
     return Mesh(np.array(vertices), (np.arange(24).reshape(6, 4),))
 
 
+# ------------------------------------------------------------------------------------------------ hard cases
+
+
+def needles(count: int) -> Mesh:
+    """A cone of height 1 on a circle of radius 1 in y = 0: each of its triangles runs from the tip to the rim."""
+    angle = np.arange(count) * (2 * math.pi / count)
+    rim = np.stack([np.cos(angle), np.zeros(count), -np.sin(angle)], axis=1)
+    k = np.arange(count)
+    return Mesh(np.vstack([rim, [[0.0, 1.0, 0.0]]]), (np.stack([k, (k + 1) % count, np.full(count, count)], axis=1),))
+
+
+def strips() -> Mesh:
+    """The square of `plane`, cut at x = 2^-k on either side of x = 0: each strip is half as wide as the one before.
+
+    The file's seven decimals end the halving: the last strips have no width left, and their triangles no area.
+    """
+    half = [2.0**-k for k in range(28)]
+    x = [-h for h in half] + half[::-1]
+    vertices = np.array([(a, 0.0, z) for a in x for z in (-1, 1)])
+    k = 2 * np.arange(len(x) - 1)
+    return Mesh(vertices, (np.stack([k, k + 1, k + 3], axis=1), np.stack([k, k + 3, k + 2], axis=1)))
+
+
+def hourglass() -> Mesh:
+    """Two cones, tip to tip at the origin, their axis along y, 2 tall: at the tip the normals of the faces cancel."""
+    sides, rings = 32, 8
+    angle = np.arange(sides) * (2 * math.pi / sides)
+    around = np.stack([np.cos(angle), np.zeros(sides), -np.sin(angle)], axis=1)
+    heights = [k / rings for k in range(-rings, rings + 1) if k]
+    vertices = np.vstack([[[0.0, 0.0, 0.0]], *(0.6 * abs(h) * around + [0, h, 0] for h in heights)])
+    k = np.arange(sides)
+    k2 = (k + 1) % sides
+    first = [1 + ring * sides for ring in range(2 * rings)]
+    quads = [
+        np.stack([low + k, low + k2, high + k2, high + k], axis=1)
+        for low, high in itertools.pairwise(first)
+        if high != first[rings]
+    ]
+    below, above = first[rings - 1], first[rings]
+    tips = [np.stack([below + k, below + k2, 0 * k], axis=1), np.stack([above + k2, above + k, 0 * k], axis=1)]
+    return Mesh(vertices, (np.vstack(quads), np.vstack(tips)))
+
+
+def turncoat() -> Mesh:
+    """A square of 2 by 2 about the origin, facing z, whose normals at the top are the opposite of those below them: halfway,
+    on y = 0, they cancel. In each of its eight columns they face another way; columns share no vertices."""
+    columns = 8
+    vertices, normals = [], []
+    for k in range(columns):
+        angle = k / columns * (math.pi / 2)
+        for x, y in ((k, -1), (k + 1, -1), (k + 1, 1), (k, 1)):
+            vertices.append((x / columns * 2 - 1, y, 0))
+            normals.append((-y * math.sin(angle), 0, -y * math.cos(angle)))
+    return Mesh(np.array(vertices, float), (np.arange(4 * columns).reshape(columns, 4),), np.array(normals))
+
+
+FAR_PLACE = (1e8, -1e8, 5e7)
+
+
+def far_sphere() -> Mesh:
+    """A sphere of radius 1 whose file holds coordinates of a hundred million."""
+    near = sphere(12)
+    return Mesh(near.vertices + FAR_PLACE, near.faces)
+
+
 # ------------------------------------------------------------------------------------------------ teapot
 
 # Faces have vertices in common inside a shell and not between shells: handle and spout start inside the body, and lid
@@ -363,6 +428,11 @@ RECIPES = (
     ),
     Recipe("plane", plane, "Square of 2 by 2 about the origin in y = 0, in four, facing +y. Open."),
     Recipe("cube", cube, "Cube of edge 1 about the origin; sides share no vertices. Closed."),
+    Recipe("needles", lambda: needles(4000), "Cone 1 tall on a circle of radius 1 in y = 0, all of slivers. Open."),
+    Recipe("strips", strips, "Square of 2 by 2 in y = 0 in ever narrower strips, some without area. Open."),
+    Recipe("hourglass", hourglass, "Two cones 1 tall, tip to tip at the origin, where normals cancel. Open."),
+    Recipe("turncoat", turncoat, "Square of 2 by 2, facing z, whose normals oppose each other top to bottom. Open."),
+    Recipe("far-sphere", far_sphere, "Sphere of radius 1 about (1e8, -1e8, 5e7). Closed."),
     Recipe(
         "bunny",
         bunny,

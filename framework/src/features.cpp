@@ -35,11 +35,19 @@ Features Features::of(const Scene& scene, const Request& request, const Manifest
         return needed || forced;
     };
 
-    for (size_t i = 0; i < scene.lights.size(); ++i) {
-        const std::string name = "light[" + std::to_string(i) + "]";
-        if (decide(name, name + " (" + kind_names[int(scene.lights[i].kind)] + ")",
-                   scene.lights[i].intensity != glm::dvec3(0), "it shines", "its intensity is zero"))
-            features.lights.push_back(int(i));
+    for (size_t i = 0, entry = 0; i < scene.lights.size(); ++entry) {
+        const Light& light = scene.lights[i];
+        const auto end = light.grid < 0 ? scene.lights.begin() + long(i) + 1
+                                        : std::find_if(
+                                              scene.lights.begin() + long(i), scene.lights.end(),
+                                              [&](const Light& other) { return other.grid != light.grid; });
+        const size_t many = size_t(end - scene.lights.begin()) - i;
+        const std::string name = "light[" + std::to_string(entry) + "]";
+        const std::string times = light.grid < 0 ? "" : ", a grid of " + std::to_string(many);
+        const bool kept = decide(name, name + " (" + kind_names[int(light.kind)] + times + ")",
+                                 light.intensity != glm::dvec3(0), "it shines", "its intensity is zero");
+        for (const size_t next = i + many; i < next; ++i)
+            if (kept) features.lights.push_back(int(i));
     }
     for (size_t i = 0; i < scene.materials.size(); ++i) {
         const auto users = std::count_if(scene.objects.begin(), scene.objects.end(),

@@ -2,6 +2,7 @@
 
 #include <shadelab/error.hpp>
 
+#include <algorithm>
 #include <fstream>
 #include <sstream>
 
@@ -328,7 +329,32 @@ const char* fallback_text =
     "    vec3 face = cross(dFdx(x), dFdy(x)) * (gl_FrontFacing == (shadelab_orientation > 0.0) ? 1.0 : -1.0);\n"
     "    return dot(n, n) >= 1e-8 ? normalize(n) : normalize(face);\n}\n";
 
+/// Lights from a texture. The kind is compiled in. The ends are where each kind's lights end in the list; they are uniforms, so that no
+/// driver can unroll the loops, and floats, as all numbers of a packet.
+std::string light_text(const Manifest& manifest) {
+    std::ostringstream out;
+    out << "uniform sampler2D shadelab_lights;\nuniform vec3 shadelab_light_ends;\n"
+        << "Light shadelab_light(int kind, int i) {\n    ivec2 at = ivec2(i % " << lights_per_line << " * "
+        << texels_per_light << ", i / " << lights_per_line << ");\n";
+    for (int k = 0; k < texels_per_light; ++k)
+        out << "    vec4 c" << k << " = texelFetch(shadelab_lights, at + ivec2(" << k << ", 0), 0);\n";
+    int column = 0;
+    const auto text = [](int k) {
+        return k == 0 ? std::string("kind") : "c" + std::to_string((k - 1) / 4) + "." + "xyzw"[(k - 1) % 4];
+    };
+    out << "    return " << rebuild(manifest, "Light", column, false, text) << ";\n}\n";
+    return out.str();
+}
+
 }  // namespace
+
+std::vector<int> glsl_lights(const Scene& scene, const Features& features) {
+    std::vector<int> lights = features.lights;
+    if (lights.size() > most_unrolled_lights)
+        std::stable_sort(lights.begin(), lights.end(),
+                         [&](int a, int b) { return scene.lights[size_t(a)].kind < scene.lights[size_t(b)].kind; });
+    return lights;
+}
 
 ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features,
                              const Function& model, Interpolation interpolation, bool normals_can_cancel) {
@@ -344,24 +370,43 @@ ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const
          << join(members, ", ") << ");\n"
          << "    vec3 ambient = vec3(0), diffuse = vec3(0), specular = vec3(0), total = vec3(0);\n    Incident "
             "incident;\n    Terms terms;\n";
-    for (size_t i = 0; i < features.lights.size(); ++i) {
-        const std::string light = "shadelab_light" + std::to_string(i) + "_";
-        std::vector<std::string> light_members;
-        for (const Value& member : manifest.find_struct("Light")->members) {
-            if (member.name == "kind") {
-                // Compiled in, like the number of lights: the driver pays for every kind and every turn that it cannot rule out.
-                light_members.push_back(std::to_string(int(scene.lights[features.lights[i]].kind)));
-                continue;
-            }
-            uniforms << "uniform " << member.type << " " << light << member.name << ";\n";
-            light_members.push_back(light + member.name);
-        }
-        body << "    incident = incident_light(Light(" << join(light_members, ", ") << "), x);\n"
+    const auto add_light = [&](const std::string& light) {
+        body << "    incident = incident_light(" << light << ", x);\n"
              << "    terms = " << call_model(model) << ";\n"
              << "    terms = Terms(terms.ambient * incident.e, terms.diffuse * incident.e, terms.specular * "
                 "incident.e);\n"
              << "    ambient += terms.ambient; diffuse += terms.diffuse; specular += terms.specular;\n"
              << "    total += (terms.ambient + terms.diffuse) + terms.specular;\n";
+    };
+    const std::vector<int> lights = glsl_lights(scene, features);
+    const bool looped = lights.size() > most_unrolled_lights;
+    if (looped) {
+        uniforms << light_text(manifest);
+        std::string begin = "0";
+        for (int kind = 0; kind < 3; ++kind) {
+            if (std::none_of(lights.begin(), lights.end(),
+                             [&](int i) { return int(scene.lights[size_t(i)].kind) == kind; }))
+                continue;
+            const std::string end = std::string("int(shadelab_light_ends.") + "xyz"[kind] + ")";
+            body << "    for (int i = " << begin << "; i < " << end << "; ++i) {\n";
+            add_light("shadelab_light(" + std::to_string(kind) + ", i)");
+            body << "    }\n";
+            begin = end;
+        }
+    }
+    for (size_t i = 0; i < (looped ? 0 : lights.size()); ++i) {
+        const std::string light = "shadelab_light" + std::to_string(i) + "_";
+        std::vector<std::string> light_members;
+        for (const Value& member : manifest.find_struct("Light")->members) {
+            if (member.name == "kind") {
+                // Compiled in, like the number of lights: the driver pays for every kind and every turn that it cannot rule out.
+                light_members.push_back(std::to_string(int(scene.lights[size_t(lights[i])].kind)));
+                continue;
+            }
+            uniforms << "uniform " << member.type << " " << light << member.name << ";\n";
+            light_members.push_back(light + member.name);
+        }
+        add_light("Light(" + join(light_members, ", ") + ")");
     }
 
     const std::vector<std::string> layers = features.term_layers

@@ -4,6 +4,7 @@
 
 #include "toml_reader.hpp"
 
+#include <algorithm>
 #include <fstream>
 #include <map>
 #include <sstream>
@@ -60,6 +61,26 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
         return place;
     };
 
+    const std::vector<int> drawn_lights = glsl_lights(scene, features);
+    const bool looped = drawn_lights.size() > most_unrolled_lights;
+    if (drawn_lights.size() > most_looped_lights)
+        throw InputError(scene.file.string() + ": " + std::to_string(drawn_lights.size()) +
+                         " lights; OpenGL clients draw at most " + std::to_string(most_looped_lights) +
+                         ": use --backend cpp");
+    toml::table light_texels;
+    glm::dvec3 light_ends(0);
+    if (looped) {
+        constexpr size_t line = size_t(lights_per_line) * texels_per_light * 4;
+        std::vector<float> texels((drawn_lights.size() + lights_per_line - 1) / lights_per_line * line);
+        for (size_t l = 0; l < drawn_lights.size(); ++l) {
+            const std::vector<double> light = scene.lights[size_t(drawn_lights[l])].flatten();
+            std::copy(light.begin() + 1, light.end(), texels.begin() + long(4 * texels_per_light * l));
+            for (int kind = int(light[0]); kind < 3; ++kind) light_ends[kind] = double(l + 1);
+        }
+        light_texels = add_buffer(texels);
+        light_texels.insert("width", lights_per_line * texels_per_light);
+    }
+
     for (size_t i = 0; i < scene.objects.size(); ++i) {
         const Object& object = scene.objects[i];
         const Material& material = scene.materials[object.material];
@@ -78,8 +99,9 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
             uniforms.insert("shadelab_material_" + member.name, numbers(&material.parameters[at], count));
             at += count;
         }
-        for (size_t l = 0; l < features.lights.size(); ++l) {
-            const std::vector<double> light = scene.lights[features.lights[l]].flatten();
+        if (looped) uniforms.insert("shadelab_light_ends", numbers(light_ends));
+        for (size_t l = 0; l < (looped ? 0 : drawn_lights.size()); ++l) {
+            const std::vector<double> light = scene.lights[size_t(drawn_lights[l])].flatten();
             size_t column = 0;
             for (const Value& member : manifest.find_struct("Light")->members) {
                 const size_t count = size_t(manifest.columns(member.type));
@@ -115,20 +137,21 @@ void write_packet(const Scene& scene, const Manifest& manifest, const Features& 
     }
     const toml::table facts{
         {"eye", numbers(scene.camera.eye)}, {"fov_y", scene.camera.fov_y}, {"lights", lights}, {"objects", objects}};
-    const toml::table header{{"width", width},
-                             {"height", height},
-                             {"supersample", supersample},
-                             {"samples", scene.film.samples},
-                             {"background", numbers(scene.film.background)},
-                             {"terms", features.term_layers},
-                             {"geometry", features.geometry_layers},
-                             {"depth", features.depth_only},
-                             {"scene", facts},
-                             {"prelude", glsl_prelude(manifest, shading.str())},
-                             {"programs", programs},
-                             {"geometry_programs", geometry_programs},
-                             {"draws", draws},
-                             {"lines", toml::table{{"prelude", prelude_first_line}, {"main", main_first_line}}}};
+    toml::table header{{"width", width},
+                       {"height", height},
+                       {"supersample", supersample},
+                       {"samples", scene.film.samples},
+                       {"background", numbers(scene.film.background)},
+                       {"terms", features.term_layers},
+                       {"geometry", features.geometry_layers},
+                       {"depth", features.depth_only},
+                       {"scene", facts},
+                       {"prelude", glsl_prelude(manifest, shading.str())},
+                       {"programs", programs},
+                       {"geometry_programs", geometry_programs},
+                       {"draws", draws},
+                       {"lines", toml::table{{"prelude", prelude_first_line}, {"main", main_first_line}}}};
+    if (looped) header.insert("light_texels", light_texels);
     std::ostringstream json;
     json << toml::json_formatter(header);
     std::ofstream out(file, std::ios::binary);

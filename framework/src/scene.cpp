@@ -48,7 +48,8 @@ glm::dvec3 read_direction(TomlReader& reader, const std::string& key) {
     return glm::normalize(direction);
 }
 
-Light read_light(TomlReader reader) {
+/// Adds the lights of one entry of the file: one, or a grid of equal ones that starts at its position.
+void read_light(TomlReader reader, int entry, std::vector<Light>& lights) {
     Light light;
     const std::vector<std::string> kinds = {"point", "directional", "spot"};
     const std::string kind = reader.choice("kind", "", kinds);
@@ -66,8 +67,24 @@ Light read_light(TomlReader reader) {
         light.hotspot = glm::radians(reader.number("hotspot", Range{0, 90}));
         if (light.hotspot > light.falloff) reader.fail("hotspot", "must not be wider than falloff");
     }
+    int columns = 1, rows = 1;
+    glm::dvec3 across(0), up(0);
+    if (light.kind != LightKind::directional)
+        if (auto grid = reader.optional_child("grid")) {
+            columns = grid->integer("columns", 1, 1, 1000);
+            rows = grid->integer("rows", 1, 1, 1000);
+            across = grid->vec3("across", across, Range{-largest, largest});
+            up = grid->vec3("up", up, Range{-largest, largest});
+            grid->finish();
+            light.grid = entry;
+        }
     reader.finish();
-    return light;
+    const glm::dvec3 first = light.position;
+    for (int row = 0; row < rows; ++row)
+        for (int column = 0; column < columns; ++column) {
+            light.position = first + double(column) * across + double(row) * up;
+            lights.push_back(light);
+        }
 }
 
 Material read_material(const std::string& name, TomlReader reader, const Manifest& manifest) {
@@ -164,7 +181,8 @@ Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
     scene.file = file;
     if (auto film = root.optional_child("film")) scene.film = read_film(*film);
     scene.camera = read_camera(root.child("camera"));
-    for (TomlReader& reader : root.children("light")) scene.lights.push_back(read_light(reader));
+    int entry = 0;
+    for (TomlReader& reader : root.children("light")) read_light(reader, entry++, scene.lights);
     for (auto& [name, reader] : root.named_children("material"))
         scene.materials.push_back(read_material(name, reader, manifest));
     for (TomlReader& reader : root.children("object"))

@@ -24,7 +24,6 @@ EVALUATE_LIMITS = Limits(seconds=5)
 DRAW_LIMITS = Limits(seconds=20)
 # llvmpipe and numpy reserve more address space than they use.
 GL_MEMORY = 4 << 30
-FRAMES = 3  # drawn after the image to measure the time of one
 START_SECONDS = 30  # for the client to start, on a machine that is busy with other things
 
 
@@ -45,6 +44,7 @@ class Draw:
     packet: Path | None = None
     layers: str = "terms"  # total | terms | all: what the C++ image holds (a packet says it for the OpenGL client)
     shift: tuple[float, float] = (0.0, 0.0)  # pixels right and up, in C++
+    frames: int = 0  # drawn after the image, to measure the time of one
 
 
 Task = Evaluate | Draw
@@ -115,7 +115,7 @@ class CppRunner:
         command = [
             str(RENDER), "image", str(task.scene.file), "--assignment", str(self.assignment.directory),
             "--plugin", str(self.plugin.file), "-o", str(image), "--statistics", str(counts),
-            "--repeat", str(FRAMES), *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
+            "--repeat", str(task.frames), *({"total": [], "terms": ["--terms"], "all": ["--layers"]}[task.layers]),
             *([f"--shift={task.shift[0]},{task.shift[1]}"] if any(task.shift) else []),
         ]  # fmt: skip
         outcome = self._run(command, DRAW_LIMITS)
@@ -125,7 +125,7 @@ class CppRunner:
             return output
         try:
             output.array = _load_image(image)
-            output.first_not_finite, output.frames = _read_statistics(counts)
+            output.first_not_finite, output.frames = _read_statistics(counts, task.frames)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
@@ -146,12 +146,12 @@ def _load_image(file: Path) -> np.ndarray:
     return image
 
 
-def _read_statistics(file: Path) -> tuple[str | None, list[float]]:
+def _read_statistics(file: Path, frames: int) -> tuple[str | None, list[float]]:
     """The renderer's note of where a value that is not finite first stood, as a sentence, and the seconds of further frames."""
     if not _regular(file) or file.stat().st_size > 1 << 16:
         raise ValueError("no statistics")
     counts = json.loads(file.read_text())
-    seconds = [float(s) for s in counts["repeats"][:FRAMES]]
+    seconds = [float(s) for s in counts["repeats"][:frames]]
     if not all(0 < s < DRAW_LIMITS.seconds for s in seconds):
         raise ValueError("no seconds")
     first = counts.get("first_not_finite")
@@ -221,7 +221,7 @@ class GlslRunner:
                 job = {
                     "kind": "draw",
                     "packet": str(Path(task.packet).resolve()),
-                    "frames": FRAMES,
+                    "frames": task.frames,
                     "output": str(target.with_suffix(".npy")),
                 }
                 jobs.append((job, None, DRAW_LIMITS))

@@ -63,6 +63,7 @@ class Facts:
     spread: dict[str, dict[str, dict[str, float]]]
     mistakes: list[dict[str, str]]  # id, function and hint of each
     gl: str  # the driver that the spread was measured with
+    cases: dict[str, list[str]]  # function -> the names of its cases for stability
     driver: dict[str, float]  # how far its own functions are off: exp, log, pow5, sin, inversesqrt
 
 
@@ -95,8 +96,9 @@ class Expected:
         return np.load(self.folder / "extremes.npz", allow_pickle=False)
 
     def stable_table(self, function: Function) -> StableTable:
-        parts = StableTable.__dataclass_fields__
-        return StableTable(**{part: self.extremes[f"{function.name}.{part}"] for part in parts})
+        parts = [part for part in StableTable.__dataclass_fields__ if part != "cases"]
+        arrays = {part: self.extremes[f"{function.name}.{part}"] for part in parts}
+        return StableTable(**arrays, cases=self.facts.cases[function.name])
 
     def driver(self, backend: str) -> float:
         """What the driver's own functions may be off; the compiler's library is exact beside that."""

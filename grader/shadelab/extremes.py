@@ -41,7 +41,7 @@ from shadelab.toml_files import Declared, validated
 FILE = "stability.toml"
 
 CASE_ROWS = 24
-WIDE_ROWS = 160  # drawn over all of the domains
+WIDE_ROWS = 96  # drawn over all of the domains
 SWEEP_ROWS = 24  # one argument moves, the others stand still
 ANYWHERE, EXACT, SWAPPED = "anywhere in the domain", "exactly on axes", "arguments exchanged"
 
@@ -111,20 +111,22 @@ class StableTable:
     """Extreme inputs of one function, and what they ask."""
 
     rows: np.ndarray  # (N, columns) float32
-    labels: np.ndarray  # (N,) text: the case that a row belongs to
+    labels: np.ndarray  # (N,): the case that a row belongs to, an index into `cases`
     rising: np.ndarray  # (P, 2) rows that follow each other on a sweep
     swapped: np.ndarray  # (S, 2) rows of which one is the other with two arguments exchanged
     truth: np.ndarray  # (N, results) float64, from 50 digits; NaN: nothing is asked
     conditioning: np.ndarray  # as truth
+    cases: list[str]
 
     def arrays(self) -> dict[str, np.ndarray]:
-        return dict(vars(self))
+        return {name: value for name, value in vars(self).items() if name != "cases"}
+
+    def case(self, row: int) -> str:
+        return self.cases[self.labels[row]]
 
 
-def extreme_rows(
-    assignment: Assignment, function: Function, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """rows, labels, rising and swapped of a StableTable."""
+def extreme_table(assignment: Assignment, function: Function, seed: int) -> StableTable:
+    """Still without truth and conditioning (NaN)."""
     stable = assignment.stability.get(function.name, Stable(name=function.name))
     rng = np.random.default_rng([seed, *function.name.encode()])
     parts: list[tuple[str, np.ndarray]] = []
@@ -181,8 +183,11 @@ def extreme_rows(
         parts.append((SWAPPED, other))
         swapped = [(first + k, start + k) for k in range(len(own))]
     rows = np.vstack([rows for _, rows in parts])
-    labels = np.concatenate([np.full(len(rows), label) for label, rows in parts])
-    return rows, labels, np.array(rising, int).reshape(-1, 2), np.array(swapped, int).reshape(-1, 2)
+    cases = list(dict.fromkeys(label for label, _ in parts))
+    labels = np.concatenate([np.full(len(rows), cases.index(label)) for label, rows in parts])
+    pairs = [np.array(p, int).reshape(-1, 2) for p in (rising, swapped)]
+    unknown = np.full((len(rows), len(assignment.output_columns(function))), np.nan)
+    return StableTable(rows, labels, *pairs, unknown, unknown, cases)
 
 
 def _extreme(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
@@ -267,12 +272,12 @@ class Stability:
 
     def labels(self, kind: str | None = None) -> list[str]:
         """The cases with faults (of this kind), in the table's order."""
-        return list(dict.fromkeys(str(self.table.labels[f.row]) for f in self.faults if kind in (None, f.kind)))
+        return list(dict.fromkeys(self.table.case(f.row) for f in self.faults if kind in (None, f.kind)))
 
     @property
     def right(self) -> float:
         """The share of the cases that are without a fault."""
-        return 1 - len(self.labels()) / len(dict.fromkeys(self.table.labels.tolist()))
+        return 1 - len(self.labels()) / len(self.table.cases)
 
 
 def judge(

@@ -37,7 +37,7 @@ from shadelab.manifest import Assignment, CustomCheck, Function, Scene, find_ass
 from shadelab.mistakes import load_changes, with_bodies
 from shadelab.paths import shown
 from shadelab.report.html import Pictures
-from shadelab.result import Check, Error, Mistake, Point, Result, Worst, point_of
+from shadelab.result import FRAMES, Check, Error, Mistake, Point, Result, Worst, point_of
 from shadelab.sandbox import Sandbox, stop_everything, work_folder
 from shadelab.stability import DOUBLE, describe, first_input, judge_extremes, stable_inputs
 from shadelab.tables import jittered, renormalised
@@ -117,7 +117,8 @@ def grade(
     pictures: bool = True,
 ) -> Grading:
     """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks;
-    `rewrite` is called as often, for further reports that shall survive. pictures: keep the images, for the HTML report.
+    `rewrite` is called as often, for further reports that shall survive. pictures: keep the images, for the HTML report, and measure
+    the time of a frame more than once.
 
     `only` restricts to checks whose id matches a shell pattern or is in a set; a backend without any is not built.
     """
@@ -157,7 +158,7 @@ def grade(
     with work_folder("grade") as folder, ThreadPoolExecutor(len(BACKENDS)) as pool:
         files = intake.take(submission, assignment, folder / "submission")
         graders = [
-            _BackendGrader(backend, assignment, expected, plans[backend], files, folder, record)
+            _BackendGrader(backend, assignment, expected, plans[backend], files, folder, record, timed=pictures)
             for backend in BACKENDS
             if plans[backend]
         ]
@@ -205,6 +206,7 @@ class _BackendGrader:
         files: dict[str, str | None],
         folder: Path,
         record: Callable[..., None],
+        timed: bool,
     ) -> None:
         self.backend, self.assignment, self.expected, self.folder = backend, assignment, expected, folder
         self.plan, *self.plans = plans
@@ -217,7 +219,7 @@ class _BackendGrader:
         self.sandbox = Sandbox(folder / backend)
         source = next(name for name in assignment.files if name.endswith({"cpp": ".cpp", "glsl": ".glsl"}[backend]))
         self.refused = files[source]
-        self._record = record
+        self._record, self.timed = record, timed
         self.recorded: set[str] = set()
         self.failed: set[str] = set()
         self.hung: set[str] = set()
@@ -455,7 +457,8 @@ class _BackendGrader:
                 self.record(_check(plan, "skipped", message, waiting))
             else:
                 scenes.append(plan)
-        tasks: list[Task] = [Draw(p.item, self.expected.packet(p.item, self.assignment)) for p in scenes]
+        frames = FRAMES if self.timed else 1
+        tasks: list[Task] = [Draw(p.item, self.expected.packet(p.item, self.assignment), frames=frames) for p in scenes]
         for plan, output in _outputs(self.drawer, scenes, tasks):
             if isinstance(output, InfrastructureError):
                 self.record(_our_fault(plan, output))

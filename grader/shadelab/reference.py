@@ -22,14 +22,14 @@ from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
 from shadelab.expected import INTERIOR, Expected, Facts, SceneTruth, Table, largest_nearby, missing_meshes, with_callers
 from shadelab.extremes import FILE as STABILITY
-from shadelab.extremes import StableTable, extreme_rows
+from shadelab.extremes import extreme_table
 from shadelab.findings import FULL_MARKS, function_members, image_limit, largest_error, pixel_error, violating_share
 from shadelab.follow import Reference
 from shadelab.manifest import Assignment, Function, Scene, load_assignment, named_arrays
 from shadelab.mistakes import Change, load_changes, slide_formulas, write_submission
 from shadelab.packet import Packet
 from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, SHIPPED, shown
-from shadelab.result import point_of
+from shadelab.result import FRAMES, point_of
 from shadelab.sandbox import Limits, Sandbox
 from shadelab.tables import jittered, make_table, moved_one_by_one, on_gate, renormalised
 from shadelab.toml_files import read_toml
@@ -151,7 +151,7 @@ class _Making:
     def all(self) -> None:
         self.tables: dict[str, Table] = {}
         self.spread = {f.name: {"cpp": {}, "glsl": {}} for f in self.assignment.functions}
-        self.gl = "none"
+        self.gl, self.cases = "none", {}
         packets = {scene.name: self._packet(scene) for scene in self.scenes}
         self.loops = tuple(sorted({loop for scene in self.scenes for loop in self._loops(scene)}))
         double = self._cpp(self.assignment.directory, Recipe(double=True, functions=False, loops=self.loops), PLAIN)
@@ -168,7 +168,7 @@ class _Making:
         for scene in self.scenes:
             self._finish_scene(scene, truths[scene.name], double, drawn)
         mistakes = [{"id": m.id, "function": m.function, "hint": m.hint} for m in self.changes.mistake]
-        facts = Facts(self.calls, list(self.loops), self.spread, mistakes, self.gl, driver)
+        facts = Facts(self.calls, list(self.loops), self.spread, mistakes, self.gl, self.cases, driver)
         (self.folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
         arrays = {"drawn": np.array(next(iter(self.tables.values())).drawn)}
         for name, table in self.tables.items():
@@ -222,7 +222,7 @@ class _Making:
         return json.loads(self._render("needs", scene.file, "--assignment", self.assignment.directory))["loops"]
 
     def _truth(self, scene: Scene, packet: Packet, double: CppRunner) -> SceneTruth:
-        [drawn] = self._outputs(double, [Draw(scene, layers="all")], PLAIN)
+        [drawn] = self._outputs(double, [Draw(scene, layers="all", frames=FRAMES)], PLAIN)
         facts = packet.header["scene"]
         truth = SceneTruth.of(drawn.array, np.array(facts["eye"]), facts["fov_y"] / packet.header["height"])
         truth.facts.runs.append(point_of(f"{PLAIN}, C++ double", np.zeros(1), drawn.frames).model_dump())
@@ -333,18 +333,22 @@ class _Making:
 
     def _make_extremes(self) -> None:
         """Extreme inputs of every function, their truth from 50 digits, their conditioning from the solution in double."""
-        if not (self.assignment.directory / "exact.py").exists():
+        file = self.assignment.directory / "exact.py"
+        if not file.exists():
+            if self.assignment.stability:
+                raise UserError(
+                    f"{shown(file)}: is missing; it gives the functions in 50 digits, by which stability is judged"
+                )
             return
         from shadelab import exact
 
         double = self._cpp(self.assignment.directory, Recipe(double=True, loops=()), PLAIN)
-        arrays = {}
+        arrays: dict[str, np.ndarray] = {}
         with self._step("extreme inputs"):
             for function in self.assignment.functions:
-                rows, labels, rising, swapped = extreme_rows(self.assignment, function, PUBLIC_SEED)
-                table = StableTable(
-                    rows, labels, rising, swapped, exact.evaluate(self.assignment, function, rows), None
-                )
+                table = extreme_table(self.assignment, function, PUBLIC_SEED)
+                rows, self.cases[function.name] = table.rows, table.cases
+                table.truth = exact.evaluate(self.assignment, function, rows)
                 inputs = renormalised(self.assignment, function, rows)
                 moved = moved_one_by_one(self.assignment, function, inputs)
                 every = np.concatenate([inputs, moved.reshape(-1, inputs.shape[1])])
@@ -420,7 +424,8 @@ class _Making:
             self.gl = getattr(runner, "gl", self.gl)
             if backend == "cpp":
                 runner = self._runner(change, backend, Recipe(functions=False, loops=self.loops, contract=fused), name)
-            draws = [Draw(scene, self.folder / f"{scene.name}.packet") for scene in self.scenes]
+            frames = FRAMES if change is None else 0
+            draws = [Draw(scene, self.folder / f"{scene.name}.packet", frames=frames) for scene in self.scenes]
             drawn = Drawn(name, self._sandbox().folder)
             for scene, output in zip(self.scenes, self._run(runner, draws, name)):
                 drawn.add(scene, output)

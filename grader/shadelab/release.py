@@ -40,7 +40,7 @@ CHECKOUT = (
 )  # fmt: skip
 # Of these, what only instructors' commands use.
 INSTRUCTORS = (
-    "bench", "check", "exact", "glbench", "mutate", "package", "release", "report/matrix", "rubric", "scaffold", "starter", "visibility",
+    "bench", "check", "glbench", "mutate", "package", "release", "report/matrix", "rubric", "scaffold", "starter", "visibility",
 )  # fmt: skip
 SHORT = 16  # a marked line of fewer characters says nothing by itself: `return vec3(0.0);` and shorter ones
 
@@ -62,7 +62,8 @@ def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
 
     copy_checkout(out)
     shutil.rmtree(out / "framework" / "tools", ignore_errors=True)
-    shutil.rmtree(out / "grader" / "shadelab" / "templates", ignore_errors=True)
+    for folder in ("templates", "study"):
+        shutil.rmtree(out / "grader" / "shadelab" / folder, ignore_errors=True)
     for module in INSTRUCTORS:
         (out / "grader" / "shadelab" / f"{module}.py").unlink(missing_ok=True)
     copy_scenes([scene.file for scene in assignment.public_scenes], out)

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel
 
 SCHEMA = "shadelab/result/1"
+FRAMES = 3  # of which a Point's time is the median
 
 
 class Error(BaseModel):

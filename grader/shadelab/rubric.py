@@ -49,7 +49,7 @@ def rubric(assignment: Assignment) -> str:
         *(f"| `{f.name}`: {f.summary} | {_points(f.points)} |" for f in graded),
         *(f"| scene `{s.name}` | {_points(s.points)} |" for s in assignment.public_scenes),
         *(f"| `{c.name}`: a check of its own | {_points(c.points)} |" for c in assignment.custom),
-        *(f"| `{s.name}`: stability | {_points(s.points)} |" for s in stable),
+        *(f"| stability of `{s.name}` | {_points(s.points)} |" for s in stable),
         *([f"| scenes that you do not see | {_points(hidden)} |"] if hidden else []),
         f"| **all**: functions {_points(functions)}, scenes {_points(images)}"
         + (f", stability {_points(stability)}" if stability else "")

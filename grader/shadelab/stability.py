@@ -134,6 +134,10 @@ class Report:
 def measure(assignment: Assignment, submission: Path, progress: Callable[[str, int, int], None]) -> Report:
     """Every declared function that the submission holds, worked examples and given models included."""
     expected = reference.load(assignment, progress)
+    if not expected.facts.cases:
+        raise UserError(
+            f"{assignment.name}: there is no exact.py, which gives the functions in 50 digits; stability is judged by it"
+        )
     lines = [Line(function) for function in assignment.functions]
     notes: list[str] = []
     with work_folder("stability") as folder:
@@ -200,7 +204,7 @@ def _input(assignment: Assignment, function: Function, stability: Stability, row
     inputs = named_arrays(assignment.input_columns(function), stability.table.rows[row : row + 1])
     kind = next((fault.kind for fault in stability.faults if fault.row == row), "")
     return {
-        "case": str(stability.table.labels[row]),
+        "case": stability.table.case(row),
         "kind": kind,
         "inputs": {name: _numbers(value[0]) for name, value in inputs.items()},
         "expected": _numbers(stability.table.truth[row]),

@@ -434,7 +434,9 @@ def mesh_exists(scene: Path) -> bool:
 
 
 def public_scenes() -> list[Path]:
-    return [scene for scene in sorted(SCENES.glob("*/*.toml")) if mesh_exists(scene)]
+    """Those of the assignments; scenes/stress goes beyond what is promised here, and is tested by itself."""
+    scenes = [scene for scene in sorted(SCENES.glob("*/*.toml")) if scene.parent.name != "stress"]
+    return [scene for scene in scenes if mesh_exists(scene)]
 
 
 # ----------------------------------------------------------------------------------------------------------- report

@@ -187,6 +187,25 @@ TEST_CASE("what a scene file does not say has a default") {
     CHECK(load(windows).objects.size() == 2);
 }
 
+TEST_CASE("a grid makes equal lights that differ in position") {
+    const Scene plain = load(good);
+    const std::string grid = "falloff = 30\ngrid = { columns = 3, across = [0.5, 0, 0], rows = 2, up = [0, 0, -2] }";
+    const Scene scene = load(changed("falloff = 30", grid));
+    REQUIRE(scene.lights.size() == plain.lights.size() + 5);
+    for (int k = 0; k < 6; ++k) {
+        Light expected = plain.lights[2];
+        expected.position += glm::dvec3(0.5 * (k % 3), 0, -2.0 * (k / 3));
+        CHECK(scene.lights[size_t(2 + k)].flatten() == expected.flatten());
+        CHECK(scene.lights[size_t(2 + k)].grid == 2);
+    }
+    CHECK(plain.lights[2].grid == -1);
+
+    CHECK_THAT(error_of(changed("falloff = 30", "falloff = 30\ngrid = { columns = 0 }")),
+               Contains("light[2].grid.columns: must be at least 1 and at most 1000, not 0"));
+    CHECK_THAT(error_of(changed("falloff = 30", "falloff = 30\ngrid = { colums = 2 }")),
+               Contains("light[2].grid.colums: unknown key; did you mean \"columns\"?"));
+}
+
 TEST_CASE("a scene far from the world's origin is the same scene about the camera's target") {
     const auto moved = [](glm::dvec3 by) {
         const auto at = [&](double x, double y, double z) {

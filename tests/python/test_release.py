@@ -62,7 +62,7 @@ def test_no_marked_line_is_anywhere(released, name):
 @every_assignment
 def test_nothing_hidden_is_anywhere(released, name):
     assignment, out, _ = released(name)
-    names = {f.name for f in out.rglob("*")}
+    names = {f.name for f in out.rglob("*") if not f.is_relative_to(out / "grader")}
     assert not names & {"hidden.toml", "mistakes.toml", "exact.py", "solution", "starter", "tests", "docs", ".git"}
     assert not [n for n in names if n.startswith("hidden-")]
     families = [f"hidden-{family.name}".encode() for family in assignment.hidden.family]
@@ -81,7 +81,7 @@ def test_it_holds_what_its_assignment_needs_and_no_other(released, name):
     given = [g.name for g in given_assignments(assignment)]
     assert sorted(f.name for f in (out / "assignments").iterdir()) == sorted([name, *given])
     files = {str(f.relative_to(out / "assignments" / name)) for f in (out / "assignments" / name).rglob("*.*")}
-    assert files == {"assignment.toml", *(f"checks/{f.name}" for f in assignment.check_files)}
+    assert files == {"assignment.toml", "stability.toml", *(f"checks/{f.name}" for f in assignment.check_files)}
     assert [f.name for f in (out / "expected").iterdir()] == [name]
     for scene in assignment.public_scenes:
         assert (out / "scenes" / scene.file.relative_to(ROOT / "scenes")).is_file()

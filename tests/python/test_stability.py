@@ -108,7 +108,7 @@ def table(truth, rising=(), swapped=(), rows=None):
     truth = np.array(truth, float).reshape(-1, 1)
     rows = np.zeros((len(truth), 8), np.float32) if rows is None else rows
     pairs = [np.array(p, int).reshape(-1, 2) for p in (rising, swapped)]
-    return StableTable(rows, np.full(len(truth), "made up"), *pairs, truth, np.full(truth.shape, 1e-3))
+    return StableTable(rows, np.zeros(len(truth), int), *pairs, truth, np.full(truth.shape, 1e-3), ["made up"])
 
 
 def verdict(made, actual, driver=0.0, reciprocal=None):
@@ -171,7 +171,7 @@ def test_tables_reach_the_ends_of_the_domains(assignment):
                 assert values.max() >= 0.999 * high and values.min() <= max(
                     1.01 * low, 1e-2 * (column.domain.typical or (0, high))[1]
                 )
-        again = extremes.extreme_rows(assignment, function, 6837)[0]
+        again = extremes.extreme_table(assignment, function, 6837).rows
         assert np.array_equal(again, made.rows)  # the same inputs for everyone
 
 

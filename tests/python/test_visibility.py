@@ -57,7 +57,7 @@ def test_every_sample_sees_what_it_sees_in_llvmpipe(name, samples, client, tmp_p
 @pytest.mark.slow
 @pytest.mark.parametrize("samples", SAMPLES)
 @pytest.mark.parametrize(
-    "name", [n for s in sorted((ROOT / "scenes").glob("*/*.toml")) if (n := f"{s.parent.name}/{s.stem}") not in QUICK]
+    "name", [n for s in visibility.public_scenes() if (n := f"{s.parent.name}/{s.stem}") not in QUICK]
 )
 def test_every_sample_of_every_scene(name, samples, client, tmp_path):
     check(compare(name, samples, client, tmp_path))

@@ -15,7 +15,7 @@ namespace shadelab {
 ///
 /// The header: width and height (already multiplied by supersample), supersample, samples, background, terms, geometry and depth (bool: which layers; depth: that of each pixel's first sample, and nothing else), prelude, programs[] and geometry_programs[] (vertex, fragment:
 /// main texts; student_in_vertex), draws[] (program, geometry_program, positions, normals (not with depth), indices: {offset, count}; uniforms: name
-/// -> numbers, matrices by column), lines: the first line numbers of prelude and mains.
+/// -> numbers, matrices by column), light_texels ({offset, count, width}; only where the mains read their lights from the RGBA32F texture shadelab_lights, as glue.hpp says), lines: the first line numbers of prelude and mains.
 void write_packet(const Scene& scene, const Manifest& manifest, const Features& features,
                   const std::vector<Mesh>& meshes, int supersample, const std::filesystem::path& include_folder,
                   const std::filesystem::path& file);

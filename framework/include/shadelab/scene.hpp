@@ -36,6 +36,7 @@ struct Light {
     glm::dvec3 position{0}, direction{0, -1, 0};  ///< direction: unit, the way the light travels
     glm::dvec3 intensity{0}, attenuation{1, 0, 0};
     double hotspot = 0, falloff = 0;  ///< half-angles, radians
+    int grid = -1;  ///< lights of one grid have the number of their entry in the file: they differ in position alone
 
     /// The members in the order of the Light struct of interface.toml, as plugins and shaders take them.
     std::vector<double> flatten() const;

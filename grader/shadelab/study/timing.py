@@ -106,7 +106,7 @@ class SandboxedGlsl:
         self.runner, self.scene, self.packet = runner, scene, packet
 
     def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> Drawn:
-        [(_, drawn)] = self.runner.run([Draw(Scene(self.scene.stem, self.scene, 0), self.packet)])
+        [(_, drawn)] = self.runner.run([Draw(Scene(self.scene.stem, self.scene, 0), self.packet, frames=1)])
         if drawn.array is None:
             raise UserError(f"{shown(self.scene)}: the render {drawn.failure}")
         return Drawn(drawn.frame, drawn.array[..., :3].astype(float))
