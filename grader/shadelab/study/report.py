@@ -47,7 +47,9 @@ def _table(title: str, *columns: str) -> Table:
 
 def _print_points(part: Part, output: Console) -> None:
     knobs = list(dict.fromkeys(key for point in part.points for key in point.knob))
-    table = _table(part.title, "series", *knobs, "RMSE", "largest", "ms", "least to most", "runs", "front")
+    # Evaluations are timed a million at a time: their milliseconds are nanoseconds of one.
+    unit = "ns" if "(ns)" in part.time_label else "ms"
+    table = _table(part.title, "series", *knobs, "RMSE", "largest", unit, "least to most", "runs", "front")
     for point in part.points:
         seconds = point.seconds
         times = ["-"] * 3

@@ -18,7 +18,7 @@ import numpy as np
 from shadelab.bench import Bench, Progress, Resident, frames_command, make_packet
 from shadelab.build import BuildError, Recipe, build_plugin
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.evidence import DRAW_LIMITS, Draw, GlslRunner, _load_image
+from shadelab.evidence import DRAW_LIMITS, Draw, GlslRunner, load_image
 from shadelab.manifest import Assignment, Scene
 from shadelab.paths import RENDER, shown
 from shadelab.sandbox import Sandbox
@@ -76,7 +76,7 @@ class SandboxedCpp:
             raise UserError(f"{self.what}: the render {outcome.explain(DRAW_LIMITS)}")
         times = list(_times(outcome.stdout.decode(errors="replace")))[1:]
         try:
-            images = [_load_image(file)[..., :3].astype(float) for file in files]
+            images = [load_image(file)[..., :3].astype(float) for file in files]
         except (OSError, ValueError):
             images = []
         if len(times) != len(shifts) or len(images) != len(files):
