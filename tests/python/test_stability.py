@@ -190,6 +190,8 @@ def test_the_command_shows_hints_and_replays_the_first_failing_input(naive, tmp_
     done = CliRunner().invoke(app, command, env={"COLUMNS": "200"})
     assert done.exit_code == 0, done.output  # a result, and no error
     assert "log1p(-x)" in done.stdout and "not phong_lobe, blinn_lobe" in done.stdout
+    assert "calls phong_lobe: begin there" in done.stdout  # what only calls them is told in a line
+    assert done.stdout.count("right in double") == 2  # of the two, in C++; GLSL has no double
     data = json.loads(file.read_text())
     entry = next(f for f in data["functions"] if f["function"] == "blinn_lobe")
     assert data["schema"] == "shadelab/stability/1" and not data["stable"] and not entry["stable"]

@@ -6,7 +6,7 @@ from rich.table import Table
 from rich.text import Text
 
 from shadelab.extremes import FLOORS, ROUNDINGS, Stability
-from shadelab.stability import SERIES, Report, describe, first_input
+from shadelab.stability import SERIES, Line, Report, describe, first_input
 
 
 def print_stability(report: Report, console: Console) -> None:
@@ -22,26 +22,10 @@ def print_stability(report: Report, console: Console) -> None:
         verdict = Text("stable", "green") if line.stable else Text("unstable", "bold red")
         table.add_row(line.function.name, inputs, *found, verdict)
     console.print(table)
+    bad = [line.function.name for line in report.lines if not line.stable]
     for line in report.lines:
-        if line.stable:
-            continue
-        console.print(Text(line.function.name, "bold red"))
-        for series in ("cpp", "glsl"):
-            if series in line.failures:
-                console.print(Text(f"  {SERIES[series]}: {line.failures[series]}"))
-            elif series in line.found and (said := describe(line.found[series], line.found.get("double"))):
-                console.print(Text(f"  {SERIES[series]}: {said}"))
-        if line.first:
-            stability = line.found[line.first[0]]
-            first = first_input(report.assignment, line.function, stability)
-            given = ", ".join(f"{name} = {_vector(value)}" for name, value in first["inputs"].items())
-            console.print(Text(f"  first ({first['case']}): {given}"))
-            console.print(Text(f"  expected {_vector(first['expected'])}, got {_vector(first['actual'])}"))
-        if line.function.name in report.replays:
-            console.print(Text(f"  {report.replays[line.function.name]}"), soft_wrap=True)
-        declared = report.assignment.stability.get(line.function.name)
-        if declared and declared.idea:
-            console.print(Text(f"  idea: {declared.idea}", "cyan"))
+        if not line.stable:
+            _print_unstable(line, report, bad, console)
     for note in report.notes:
         console.print(Text(f"note: {note}"))
     driver = max(report.expected.facts.driver.values())
@@ -53,9 +37,33 @@ def print_stability(report: Report, console: Console) -> None:
             "dim",
         )
     )
-    bad = [line.function.name for line in report.lines if not line.stable]
     total = len(report.lines)
     console.print(f"{total - len(bad)} of {total} functions are stable" + (f"; not {', '.join(bad)}" if bad else ""))
+
+
+def _print_unstable(line: Line, report: Report, bad: list[str], console: Console) -> None:
+    function = line.function
+    console.print(Text(function.name, "bold red"))
+    called = [name for name in report.expected.facts.calls[function.name] if name in bad]
+    if called and not line.failures:
+        console.print(Text(f"  calls {', '.join(called)}: begin there"))
+        return
+    for series in ("cpp", "glsl"):
+        double = line.found.get("double") if series == "cpp" else None
+        if series in line.failures:
+            console.print(Text(f"  {SERIES[series]}: {line.failures[series]}"))
+        elif series in line.found and (said := describe(line.found[series], double)):
+            console.print(Text(f"  {SERIES[series]}: {said}"))
+    if line.first:
+        first = first_input(report.assignment, function, line.found[line.first[0]])
+        given = ", ".join(f"{name} = {_vector(value)}" for name, value in first["inputs"].items())
+        console.print(Text(f"  first ({first['case']}): {given}"))
+        console.print(Text(f"  expected {_vector(first['expected'])}, got {_vector(first['actual'])}"))
+    if function.name in report.replays:
+        console.print(Text(f"  {report.replays[function.name]}"), soft_wrap=True)
+    declared = report.assignment.stability.get(function.name)
+    if declared and declared.idea:
+        console.print(Text(f"  idea: {declared.idea}", "cyan"))
 
 
 def _cell(found: Stability | None, failed: bool) -> Text:
