@@ -43,6 +43,7 @@ class Recipe:
     half: bool = False  # 16-bit numbers (half.hpp): only for studies; the plugin takes and gives floats
     # Functions run over columns (all x, then all y, ...) in loops compiled as those that shade: to measure their time.
     columns: bool = False
+    quick: bool = False  # compiled in half the time, for few images: slower code, the same bits
 
     def flags(self) -> list[str]:
         out = [*_common, f"-DSHADELAB_TERMS={int(self.terms)}"]
@@ -62,7 +63,9 @@ class Recipe:
             return [*_double, "-O3", *_architecture()] if self.columns else _double
         if self.contract:
             return [*_float, "-O3", *_architecture(), "-ffp-contract=fast"]
-        return [*_float, "-O1"] if self.loops == () and not self.columns else [*_float, "-O3", *_architecture()]
+        if self.quick or (self.loops == () and not self.columns):
+            return [*_float, "-O1"]
+        return [*_float, "-O3", *_architecture()]
 
 
 FUNCTIONS = Recipe(loops=())

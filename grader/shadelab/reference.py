@@ -407,7 +407,10 @@ class _Making:
     def _program(self, name: str, change: Change | None, backend: str, fused: bool) -> Drawn:
         """One correct program: adds to the spread of the functions, and draws the scenes."""
         with self._step(name):
-            runner = self._runner(change, backend, Recipe(loops=(), contract=fused), name)
+            # The solution's frames are timed; of the others nobody asks how fast they are: one quick plugin does for each.
+            quick = change is not None
+            recipe = Recipe(loops=self.loops, quick=True) if quick else Recipe(loops=(), contract=fused)
+            runner = self._runner(change, backend, recipe, name)
             functions = self.assignment.functions
             outputs = self._outputs(runner, [Evaluate(f, self.tables[f.name].rows) for f in functions], name)
             for function, output in zip(functions, outputs):
@@ -422,9 +425,9 @@ class _Making:
                     )
                 self.spread[function.name][backend][name] = error
             self.gl = getattr(runner, "gl", self.gl)
-            if backend == "cpp":
+            if backend == "cpp" and not quick:
                 runner = self._runner(change, backend, Recipe(functions=False, loops=self.loops, contract=fused), name)
-            frames = FRAMES if change is None else 0
+            frames = 0 if quick else FRAMES
             draws = [Draw(scene, self.folder / f"{scene.name}.packet", frames=frames) for scene in self.scenes]
             drawn = Drawn(name, self._sandbox().folder)
             for scene, output in zip(self.scenes, self._run(runner, draws, name)):

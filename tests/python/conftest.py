@@ -24,7 +24,7 @@ class Run:
 def shadelab(tmp_path):
     """Runs a command as ./shadelab would after set-up, in an empty working folder."""
 
-    def run(*arguments: str | Path, timeout: float = 120, **environment: str) -> Run:
+    def run(*arguments: str | Path, timeout: float = 600, **environment: str) -> Run:
         done = subprocess.run(
             [sys.executable, "-I", "-m", "shadelab", *map(str, arguments)],
             cwd=tmp_path, capture_output=True, text=True, timeout=timeout, env={**os.environ, **environment},

@@ -396,6 +396,7 @@ def test_bad_input_is_one_line(shadelab, tmp_path, arguments, says):
     assert done.code == 2 and says in done.stderr and done.stderr.count("\n") == 1 and done.stdout == ""
 
 
+@pytest.mark.slow
 def test_a_scene_from_end_to_end(shadelab, tmp_path):
     scene = (ROOT / "scenes/phong/phi-0.toml").read_text().replace("= 256", "= 24")
     (tmp_path / "tiny.toml").write_text(scene.replace("../meshes", str(ROOT / "scenes/meshes")))
