@@ -334,7 +334,8 @@ def _not_monotone(table: StableTable, actual: np.ndarray, floor: np.ndarray, ins
 def _not_reciprocal(
     columns: list[Column], table: StableTable, actual: np.ndarray, floor: np.ndarray, reciprocal: Reciprocal
 ) -> np.ndarray:
-    """Asked where the truth is reciprocal itself: gates may look at one side only."""
+    """Asked where the truth is reciprocal itself: gates may look at one side only. To a floor each, as above: two values that are each
+    within their own limit may still break the promise."""
     one, two = table.swapped.T
     scale = np.ones((len(table.rows), 1))
     if reciprocal.per:
@@ -344,5 +345,5 @@ def _not_reciprocal(
     with np.errstate(all="ignore"):
         truth, value, slack = table.truth / scale, actual / scale, floor / np.abs(scale)
         same = np.abs(truth[one] - truth[two]) <= 1e-6 * np.abs(truth[one]) + slack[one]
-        wrong = same & (np.abs(value[one] - value[two]) > FLOORS * (slack[one] + slack[two]))
+        wrong = same & (np.abs(value[one] - value[two]) > slack[one] + slack[two])
     return two[wrong.any(axis=1)]

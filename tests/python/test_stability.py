@@ -148,10 +148,10 @@ def test_what_falls_where_the_truth_rises_is_not_monotone():
 def test_what_is_promised_to_be_reciprocal_is_asked_where_the_truth_is():
     promise = extremes.Reciprocal(swap=("l", "v"))
     assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), [1.0, 1.0], reciprocal=promise) == []
-    off = [1 - 3.9e-3, 1 + 3.9e-3]  # each within its own limit
-    assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), off, reciprocal=promise) == []
-    tighter = table([1.0, 1.0], swapped=[(0, 1)])
-    tighter.conditioning[:] = 0.0
+    off = [1 - 1.5e-3, 1 + 1.5e-3]  # each within its own limit
+    assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), off) == []
+    assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), off, reciprocal=promise) == [(1, "not reciprocal")]
+    assert verdict(table([1.0, 2.0], swapped=[(0, 1)]), [1.0, 2.0], reciprocal=promise) == []  # nor is the truth
     # With a weight of 1/2 and 1 the two are asked to be 2 : 1.
     rows = np.zeros((2, 10), np.float32)
     rows[:, 2] = 1.0  # n
