@@ -18,9 +18,20 @@ from typing import Any
 import numpy as np
 
 from shadelab.build import BuildError, Recipe, glue_folder
+from shadelab.closure import import_closure
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
-from shadelab.expected import INTERIOR, Expected, Facts, SceneTruth, Table, largest_nearby, missing_meshes, with_callers
+from shadelab.expected import (
+    INTERIOR,
+    Expected,
+    Facts,
+    SceneTruth,
+    Table,
+    largest_nearby,
+    missing_meshes,
+    scene_meshes,
+    with_callers,
+)
 from shadelab.extremes import FILE as STABILITY
 from shadelab.extremes import extreme_table
 from shadelab.findings import FULL_MARKS, function_members, image_limit, largest_error, pixel_error, violating_share
@@ -32,7 +43,6 @@ from shadelab.paths import EXPECTED, FRAMEWORK, RENDER, ROOT, SHIPPED, shown
 from shadelab.result import FRAMES, point_of
 from shadelab.sandbox import Limits, Sandbox
 from shadelab.tables import jittered, make_table, moved_one_by_one, on_gate, renormalised
-from shadelab.toml_files import read_toml
 
 PUBLIC_SEED = 6837
 FRAGMENTS = 1024  # rows of a function's table that are recorded from scenes, at most
@@ -59,41 +69,38 @@ def load(assignment: Assignment, progress: Callable[[str, int, int], None] = lam
 
 
 def digest(assignment: Assignment) -> str:
-    """Of everything that the expected data depends on: code, manifests, scenes, meshes."""
-    here = Path(__file__).parent
-    code = (
-        "build",
-        "evidence",
-        "exact",
-        "expected",
-        "extremes",
-        "findings",
-        "follow",
-        "glclient",
-        "hidden",
-        "manifest",
-        "mistakes",
-        "reference",
-    )
-    files = [here / f"{name}.py" for name in (*code, "tables") if (here / f"{name}.py").exists()]
-    files += [here / "driver" / name for name in ("assignment.toml", "shading.glsl")]
-    files += [FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt"]
+    """Of everything that the expected data rests on: our code, the framework, solution, declarations, scenes, meshes."""
+    total = hashlib.sha256()
+    for file in dict.fromkeys(made_from(assignment)):
+        total.update(str(file.name).encode() + b"\0" + file.read_bytes() + b"\0")
+    return total.hexdigest()[:32]
+
+
+def made_from(assignment: Assignment) -> Iterator[Path]:
+    """Those files. Raises an error for one that is missing, but for what need not be there: declarations that an assignment may do
+    without, and meshes, whose scenes are skipped then."""
+    driver = Path(__file__).parent / "driver"
+    yield from import_closure(__name__)
+    yield from (driver / name for name in ("assignment.toml", "shading.glsl"))
+    yield from (FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt")
     for folder in ("include", "src", "render"):
-        files += sorted(f for f in (FRAMEWORK / folder).rglob("*") if f.is_file())
+        yield from _all_files(FRAMEWORK / folder)
     pending = [assignment]
     while pending:
         one = pending.pop()
-        files += [one.directory / "assignment.toml", *(one.directory / name for name in one.files)]
+        yield from (one.directory / name for name in ("assignment.toml", *one.files))
         pending += one.given
-    files += [assignment.directory / name for name in ("mistakes.toml", "exact.py", STABILITY)]
+    optional = [assignment.directory / name for name in ("mistakes.toml", "exact.py", STABILITY)]
     for scene in assignment.scenes:
-        files.append(scene.file)
-        objects = read_toml(scene.file).get("object", [])
-        files += [(scene.file.parent / o["mesh"]).resolve() for o in objects]
-    total = hashlib.sha256()
-    for file in dict.fromkeys(files):
-        total.update(str(file.name).encode() + b"\0" + (file.read_bytes() if file.exists() else b"absent") + b"\0")
-    return total.hexdigest()[:32]
+        yield scene.file
+        optional += scene_meshes(scene)
+    yield from (file for file in optional if file.exists())
+
+
+def _all_files(folder: Path) -> list[Path]:
+    if not (files := sorted(f for f in folder.rglob("*") if f.is_file())):
+        raise InfrastructureError(f"{shown(folder)}: is missing or empty, but expected data rests on it")
+    return files
 
 
 def make(assignment: Assignment, folder: Path, name: str, progress: Callable[[str, int, int], None]) -> None:
