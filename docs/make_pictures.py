@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from shadelab.manifest import Scene, assignment_names, load_assignment
+from shadelab.course.assignment import Scene, assignment_names, load_assignment
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery.md"

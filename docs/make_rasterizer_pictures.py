@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from shadelab import visibility
-from shadelab.bench import make_missing_meshes
-from shadelab.visibility import Corners, Planes, Visible
+from shadelab.measure import visibility
+from shadelab.measure.bench import make_missing_meshes
+from shadelab.measure.visibility import Corners, Planes, Visible
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 MESH = "knot-70k"

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from shadelab.cli import _assignment_of_scene, progress_bar
+from shadelab.cli.commands import _assignment_of_scene, progress_bar
 from shadelab.study.declaration import study_names
 from shadelab.study.report import machine_sentence, noise_sentence, write_files
 from shadelab.study.run import run_study

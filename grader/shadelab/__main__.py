@@ -1,4 +1,4 @@
-from shadelab.cli import main
+from shadelab.cli.commands import main
 
 if __name__ == "__main__":
     main()

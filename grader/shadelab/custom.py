@@ -36,17 +36,17 @@ import numpy as np
 import pytest
 import tomli_w
 
-from shadelab.build import FUNCTIONS, BuildError, Recipe
-from shadelab.customrun import Job, Verdict
+from shadelab.course.assignment import Assignment, Scene, flat_rows, load_assignment, named_arrays
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.evidence import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
-from shadelab.expected import CHANNELS, TERM_CHANNELS, Expected, missing_meshes, with_callees
-from shadelab.grade import Plan, grade, plan_checks
-from shadelab.manifest import Assignment, Scene, flat_rows, load_assignment, named_arrays
+from shadelab.evidence.runners import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
+from shadelab.grading.customrun import Job, Verdict
+from shadelab.grading.grade import Plan, grade, plan_checks
+from shadelab.machine.build import FUNCTIONS, BuildError, Recipe
+from shadelab.machine.sandbox import OUTPUT_KEPT, Limits, Sandbox
 from shadelab.paths import RENDER, SOLUTION
 from shadelab.result import Check, Result
-from shadelab.sandbox import OUTPUT_KEPT, Limits, Sandbox
-from shadelab.toml_files import read_toml
+from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, missing_meshes, with_callees
 
 STUDENT_SECONDS = 60.0  # of one check; each single run has its own limit besides
 LINES, LENGTH = 5, 1000  # of a message

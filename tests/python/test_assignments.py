@@ -6,8 +6,8 @@ import re
 import pytest
 
 from conftest import ROOT
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.rubric import MARK
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.publish.rubric import MARK
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 every_assignment = pytest.mark.parametrize("assignment", ASSIGNMENTS, ids=lambda a: a.name)

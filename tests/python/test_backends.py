@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.evidence import CppRunner, Draw, GlslRunner
-from shadelab.expected import CHANNELS, INTERIOR, missing_meshes
-from shadelab.findings import image_limit
-from shadelab.glcontext import try_ways
-from shadelab.manifest import assignment_names, load_assignment
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.evidence.runners import CppRunner, Draw, GlslRunner
+from shadelab.gl.context import try_ways
+from shadelab.judge.findings import image_limit
+from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.reference import load
-from shadelab.sandbox import Sandbox
+from shadelab.truth.expected import CHANNELS, INTERIOR, missing_meshes
+from shadelab.truth.making import load
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 PHONG = next(a for a in ASSIGNMENTS if a.name == "phong")

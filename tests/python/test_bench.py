@@ -11,14 +11,14 @@ import pytest
 import tomli_w
 
 from conftest import ROOT
-from shadelab import bench
-from shadelab.bench import Case
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.expected import CHANNELS
-from shadelab.glclient import Client, Packet
+from shadelab.gl.client import Client, Packet
+from shadelab.machine.sandbox import work_folder
+from shadelab.measure import bench
+from shadelab.measure.bench import Case
 from shadelab.paths import RENDER
-from shadelab.sandbox import work_folder
-from shadelab.toml_files import read_toml
+from shadelab.truth.expected import CHANNELS
 
 PHONG = ROOT / "solution" / "phong"
 TINY = 96  # pixels
@@ -49,7 +49,7 @@ def as_depth_packet(packet: Path) -> None:
 
 
 def peer(packet: Path):
-    command = [sys.executable, "-I", "-m", "shadelab.glbench", str(packet), str(PHONG / "shading.glsl")]
+    command = [sys.executable, "-I", "-m", "shadelab.measure.peer", str(packet), str(PHONG / "shading.glsl")]
     return bench.resident("peer", command, dict(os.environ))
 
 
@@ -64,7 +64,7 @@ def drawn_by_the_client(packet: Path) -> np.ndarray:
         "jobs": [{"kind": "draw", "packet": str(packet), "output": str(folder / "client.npy")}],
     }  # fmt: skip
     (folder / "jobs.json").write_text(json.dumps(jobs))
-    command = [sys.executable, "-I", "-m", "shadelab.glclient", str(folder / "jobs.json")]
+    command = [sys.executable, "-I", "-m", "shadelab.gl.client", str(folder / "jobs.json")]
     subprocess.run(command, check=True, env=os.environ)
     return np.load(folder / "client.npy")
 

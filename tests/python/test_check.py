@@ -8,17 +8,17 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab import check as checking
-from shadelab import mutate as mutating
-from shadelab.build import glue_folder
-from shadelab.check import _judge
-from shadelab.cli import app
+from shadelab.cli.commands import app
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
 from shadelab.errors import UserError
-from shadelab.grade import grade
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
-from shadelab.mutate import Mutant, mutants
-from shadelab.reference import load
+from shadelab.grading.grade import grade
+from shadelab.machine.build import glue_folder
+from shadelab.prove import check as checking
+from shadelab.prove import mutants as mutating
+from shadelab.prove.check import _judge
+from shadelab.prove.mutants import Mutant, mutants
+from shadelab.truth.making import load
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 DECLARED = load_changes(PHONG)

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from shadelab.closure import PACKAGE, import_closure
 from shadelab.errors import InfrastructureError
+from shadelab.truth.closure import PACKAGE, import_closure
 
 
 @pytest.fixture
@@ -29,29 +29,36 @@ def move(package, old, new):
 
 
 def test_all_that_the_numbers_rest_on_is_there():
-    found = names(PACKAGE, "shadelab.reference")
+    found = names(PACKAGE, "shadelab.truth.making")
     # The last two run in a child that the package starts by name.
-    assert {"packet.py", "toml_files.py", "result.py", "sandbox.py", "glclient.py", "glcontext.py"} <= found
-    assert not {"cli.py", "bench.py", "report/html.py"} & found, (
+    assert {
+        "gl/packet.py",
+        "course/toml_files.py",
+        "result.py",
+        "machine/sandbox.py",
+        "gl/client.py",
+        "gl/context.py",
+    } <= found
+    assert not {"cli/commands.py", "measure/bench.py", "report/html.py"} & found, (
         "a change of a report would make all expected data anew"
     )
 
 
-@pytest.mark.parametrize("old, new", [("tables.py", "moved/inputs.py"), ("glclient.py", "moved/client.py")])
+@pytest.mark.parametrize("old, new", [("truth/tables.py", "moved/inputs.py"), ("gl/client.py", "moved/client.py")])
 def test_a_module_that_moves_stays_in_it(package, old, new):
-    before = names(package, "shadelab.reference")
+    before = names(package, "shadelab.truth.making")
     move(package, old, new)
-    after = names(package, "shadelab.reference")
+    after = names(package, "shadelab.truth.making")
     assert after == before - {old} | {new, "moved/__init__.py"}
 
 
 def test_a_module_that_is_gone_is_an_error(package):
-    (package / "tables.py").unlink()
-    with pytest.raises(InfrastructureError, match="shadelab.tables: there is no such module"):
-        import_closure("shadelab.reference", package=package)
+    (package / "truth" / "tables.py").unlink()
+    with pytest.raises(InfrastructureError, match="shadelab.truth.tables: there is no such module"):
+        import_closure("shadelab.truth.making", package=package)
 
 
 def test_a_relative_import_is_an_error(package):
-    (package / "tables.py").write_text("from . import paths\n")
+    (package / "truth" / "tables.py").write_text("from . import paths\n")
     with pytest.raises(InfrastructureError, match="tables.py:1: imports relatively"):
-        import_closure("shadelab.reference", package=package)
+        import_closure("shadelab.truth.making", package=package)

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from conftest import ROOT
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.reference import digest
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.truth.making import digest
 
 PHONG = ROOT / "solution" / "phong"
 SPHERE = ROOT / "scenes" / "phong" / "sphere.toml"
@@ -177,7 +177,7 @@ def test_starter_is_in_step(shadelab):
 
 @pytest.mark.parametrize("name", assignment_names())
 def test_starter_holds_no_line_of_the_solution(name):
-    from shadelab.mistakes import regions
+    from shadelab.course.mistakes import regions
 
     for language in ("cpp", "glsl"):
         source = ROOT / "solution" / name / f"shading.{language}"

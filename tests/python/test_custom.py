@@ -10,11 +10,11 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 from conftest import ROOT
-from shadelab import customrun
+from shadelab.course.assignment import load_assignment
 from shadelab.errors import UserError
-from shadelab.grade import grade as run_grade
-from shadelab.grade import plan_checks
-from shadelab.manifest import load_assignment
+from shadelab.grading import customrun
+from shadelab.grading.grade import grade as run_grade
+from shadelab.grading.grade import plan_checks
 
 LIGHTS = ROOT / "solution" / "lights"
 BOTH = ["cpp/custom/linearity", "glsl/custom/linearity"]

@@ -5,12 +5,12 @@ import shlex
 import numpy as np
 
 from conftest import ROOT
-from shadelab.diagnosis import MARGIN, Candidate, diagnose
-from shadelab.expected import Table
-from shadelab.findings import FunctionJudgement, function_limit, scaled_error
-from shadelab.manifest import load_assignment
-from shadelab.mistakes import load_changes
+from shadelab.course.assignment import load_assignment
+from shadelab.course.mistakes import load_changes
+from shadelab.judge.diagnosis import MARGIN, Candidate, diagnose
+from shadelab.judge.findings import FunctionJudgement, function_limit, scaled_error
 from shadelab.result import Check
+from shadelab.truth.expected import Table
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 ROWS = 1000

@@ -120,7 +120,7 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module")
 def glsl() -> np.ndarray:
     """What GLSL returns: a pixel for each expression (row) and input (column) of a float framebuffer."""
-    context = pytest.importorskip("shadelab.glcontext").create_context()
+    context = pytest.importorskip("shadelab.gl.context").create_context()
     pad = {"Real": "vec4({}, 0, 0, 0)", "vec2": "vec4({}, 0, 0)", "vec3": "vec4({}, 0)", "vec4": "{}"}
     cases = "\n".join(
         f"    if (row == {i}) result = " + pad[e["type"]].format(f"expression_{i}(a[k], b[k], xy[k].x, xy[k].y)") + ";"

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table
-from shadelab.findings import EDGE_CAP, LEAST_FLOOR, function_limit, judge_function, judge_image
-from shadelab.manifest import Scene, load_assignment
-from shadelab.tables import NEAREST_HORIZON, make_table, renormalised
+from shadelab.course.assignment import Scene, load_assignment
+from shadelab.judge.findings import EDGE_CAP, LEAST_FLOOR, function_limit, judge_function, judge_image
+from shadelab.truth.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table
+from shadelab.truth.tables import NEAREST_HORIZON, make_table, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 SCENE = Scene("made-up", Path("made-up.toml"), 10)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.follow import Reference, followed_text
-from shadelab.grade import grade
-from shadelab.manifest import load_assignment, named_arrays
-from shadelab.mistakes import load_changes, with_bodies
-from shadelab.sandbox import Sandbox
-from shadelab.tables import make_table, renormalised
+from shadelab.course.assignment import load_assignment, named_arrays
+from shadelab.course.mistakes import load_changes, with_bodies
+from shadelab.grading.grade import grade
+from shadelab.machine.sandbox import Sandbox
+from shadelab.truth.follow import Reference, followed_text
+from shadelab.truth.tables import make_table, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 MISTAKES = {m.id: m for m in load_changes(PHONG).mistake}

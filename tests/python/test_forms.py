@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab import exact
-from shadelab.build import FUNCTIONS, Recipe
+from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.errors import UserError
-from shadelab.evidence import CppRunner, Evaluate
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.sandbox import Sandbox
+from shadelab.evidence.runners import CppRunner, Evaluate
+from shadelab.machine.build import FUNCTIONS, Recipe
+from shadelab.machine.sandbox import Sandbox
 from shadelab.study.declaration import load_study, sub_model
 from shadelab.study.forms import (
     CONDITIONING,
@@ -25,6 +24,7 @@ from shadelab.study.forms import (
     measure_forms,
 )
 from shadelab.study.timing import Workbench
+from shadelab.truth import exact
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from conftest import ROOT
-from shadelab.manifest import load_assignment
+from shadelab.course.assignment import load_assignment
 
 GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."
 LOBE_END = "    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;\n    return exp(q * log1p(-x));\n    // STUDENT END: return 0.0;\n}\n\n// The half-vector lobe"
@@ -245,7 +245,7 @@ def test_bad_usage_is_one_line_and_exit_2(shadelab, arguments, words):
 
 def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
     """The scanned mesh is fetched at set-up and may be absent: the scene is skipped with a clear message."""
-    from shadelab.grade import grade
+    from shadelab.grading.grade import grade
 
     shutil.copytree(ROOT / "solution", tmp_path / "solution")
     shutil.copytree(ROOT / "scenes" / "phong", tmp_path / "scenes" / "phong")

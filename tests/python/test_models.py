@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab.cli import app
+from shadelab.cli.commands import app
 
 BUILDS = {"double": ["--double"], "float": [], "glsl": ["--backend", "glsl"]}
 PI = np.pi

@@ -5,9 +5,9 @@ import re
 import pytest
 
 from conftest import ROOT
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import load_changes, regions
-from shadelab.mutate import mutants, tokens
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import load_changes, regions
+from shadelab.prove.mutants import mutants, tokens
 
 BODY = """\
     // Clamped: a - b * 2.0, as max(a, b) says.

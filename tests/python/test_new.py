@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from conftest import ROOT
-from shadelab.release import TEMPLATES
+from shadelab.publish.release import TEMPLATES
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.build import Recipe, build_plugin
-from shadelab.expected import missing_meshes
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import load_changes, write_submission
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import load_changes, write_submission
+from shadelab.machine.build import Recipe, build_plugin
+from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.sandbox import Sandbox
+from shadelab.truth.expected import missing_meshes
 
 ASSIGNMENTS = {name: load_assignment(ROOT / "solution" / name) for name in assignment_names()}
 SIZE = ["--size", "96x96"]

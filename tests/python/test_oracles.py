@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import CHANNELS, INTERIOR, scene_mask
+from shadelab.truth.expected import CHANNELS, INTERIOR, scene_mask
 from test_models import BUILDS, dot, evaluate, unit
 
 pytestmark = pytest.mark.oracle

@@ -7,10 +7,10 @@ import zipfile
 import pytest
 
 from conftest import ROOT
+from shadelab.course.assignment import load_assignment
+from shadelab.course.toml_files import tomllib
 from shadelab.errors import UserError
-from shadelab.manifest import load_assignment
-from shadelab.package import write_package
-from shadelab.toml_files import tomllib
+from shadelab.publish.package import write_package
 
 
 @pytest.fixture(scope="module")

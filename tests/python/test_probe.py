@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab import exact
-from shadelab.manifest import load_assignment
+from shadelab.course.assignment import load_assignment
+from shadelab.truth import exact
 
 PHONG = ROOT / "solution" / "phong"
 SPHERE = ROOT / "scenes" / "phong" / "sphere.toml"

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import ROOT
-from shadelab.manifest import flat_rows, load_assignment, named_arrays
+from shadelab.course.assignment import flat_rows, load_assignment, named_arrays
 from shadelab.paths import RENDER
 
 PHONG = load_assignment(ROOT / "solution" / "phong")

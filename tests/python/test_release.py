@@ -13,11 +13,11 @@ import pytest
 import tomli_w
 
 from conftest import ROOT
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import load_changes
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import load_changes
-from shadelab.release import copy_scenes, given_assignments, marked_lines, write_release
-from shadelab.toml_files import read_toml
+from shadelab.publish.release import copy_scenes, given_assignments, marked_lines, write_release
 
 pytestmark = pytest.mark.slow  # the expected data must be there, and a release is large
 every_assignment = pytest.mark.parametrize("name", assignment_names())
@@ -179,7 +179,7 @@ def test_it_grades_alone(released, tmp_path):
     (alone / "build").symlink_to(ROOT / "build")
     shutil.rmtree(alone / "scenes" / "meshes", ignore_errors=True)
     (alone / "scenes" / "meshes").symlink_to(ROOT / "scenes" / "meshes")
-    start = f"import sys; sys.path.insert(0, {str(alone / 'grader')!r}); from shadelab.cli import main; main()"
+    start = f"import sys; sys.path.insert(0, {str(alone / 'grader')!r}); from shadelab.cli.commands import main; main()"
 
     def run(*arguments):
         environment = {**os.environ, "SHADELAB_ROOT": str(alone)}

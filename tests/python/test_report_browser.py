@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from test_reports import HOSTILE, check, drawn, truth_of
 
-from shadelab.expected import BACKGROUND, EDGE, INTERIOR
 from shadelab.report import html
 from shadelab.report.html import Pictures, srgb, write_html
 from shadelab.result import Error, Mistake, Point, Result, Worst
+from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium")

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab import build
-from shadelab.build import LEVELS, Recipe, build_plugin, processor_level
+from shadelab.course.assignment import load_assignment
 from shadelab.errors import UserError
-from shadelab.expected import CHANNELS
-from shadelab.manifest import load_assignment
+from shadelab.machine import build
+from shadelab.machine.build import LEVELS, Recipe, build_plugin, processor_level
+from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.sandbox import Sandbox
+from shadelab.truth.expected import CHANNELS
 
 # Smooth normals (atan2) and two kinds of light; cones (cos) and pow; exact conductors; falloffs and all kinds of light; Gouraud
 # and flat normals.

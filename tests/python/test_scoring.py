@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.expected import Table
-from shadelab.findings import LITTLE, MISTAKE, NO_MARKS, credit, judge_function
-from shadelab.grade import grade, plan_checks, write_worst_inputs
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import regions, with_bodies
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import regions, with_bodies
+from shadelab.grading.grade import grade, plan_checks, write_worst_inputs
+from shadelab.judge.findings import LITTLE, MISTAKE, NO_MARKS, credit, judge_function
 from shadelab.report import formats
 from shadelab.report.html import write_html
+from shadelab.truth.expected import Table
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 SEED = "the-seed-that-nobody-reads-8341"

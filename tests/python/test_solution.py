@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab import exact
-from shadelab.build import Recipe, glue_folder
-from shadelab.expected import Table
-from shadelab.findings import function_members, scaled_error
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.reference import load
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.judge.findings import function_members, scaled_error
+from shadelab.machine.build import Recipe, glue_folder
+from shadelab.truth import exact
+from shadelab.truth.expected import Table
+from shadelab.truth.making import load
 
 ROWS = 400  # of the table; 50 digits take their time
 

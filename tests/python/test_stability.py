@@ -8,15 +8,18 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab import extremes, stability
-from shadelab.cli import app
+from shadelab.cli.commands import app
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import slide_formulas, write_submission
+from shadelab.course.stability import Reciprocal, load_stability
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.extremes import FLOORS, StableTable, judge, load_stability
-from shadelab.grade import grade, plan_checks
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import slide_formulas, write_submission
-from shadelab.reference import load
-from shadelab.toml_files import read_toml
+from shadelab.grading.grade import grade, plan_checks
+from shadelab.inspect import stability
+from shadelab.judge.stability import FLOORS, judge
+from shadelab.truth import extremes
+from shadelab.truth.extremes import StableTable
+from shadelab.truth.making import load
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 PHONG = next(a for a in ASSIGNMENTS if a.name == "phong")
@@ -146,7 +149,7 @@ def test_what_falls_where_the_truth_rises_is_not_monotone():
 
 
 def test_what_is_promised_to_be_reciprocal_is_asked_where_the_truth_is():
-    promise = extremes.Reciprocal(swap=("l", "v"))
+    promise = Reciprocal(swap=("l", "v"))
     assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), [1.0, 1.0], reciprocal=promise) == []
     off = [1 - 1.5e-3, 1 + 1.5e-3]  # each within its own limit
     assert verdict(table([1.0, 1.0], swapped=[(0, 1)]), off) == []
@@ -157,7 +160,7 @@ def test_what_is_promised_to_be_reciprocal_is_asked_where_the_truth_is():
     rows[:, 2] = 1.0  # n
     rows[0, 5], rows[1, 5] = 0.5, 1.0  # l
     weighted = table([0.5, 1.0], swapped=[(0, 1)], rows=rows)
-    per = extremes.Reciprocal(swap=("l", "v"), per="n.l")
+    per = Reciprocal(swap=("l", "v"), per="n.l")
     assert verdict(weighted, [0.5, 1.0], reciprocal=per) == []
 
 

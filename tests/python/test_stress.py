@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.build import Plugin, Recipe, build_plugin
-from shadelab.evidence import Draw, GlslRunner
-from shadelab.expected import CHANNELS, INTERIOR, SceneTruth, largest_nearby
-from shadelab.findings import FULL_MARKS, image_limit, violating_share
-from shadelab.manifest import Scene, load_assignment
-from shadelab.packet import Packet
+from shadelab.course.assignment import Scene, load_assignment
+from shadelab.evidence.runners import Draw, GlslRunner
+from shadelab.gl.packet import Packet
+from shadelab.judge.findings import FULL_MARKS, image_limit, violating_share
+from shadelab.machine.build import Plugin, Recipe, build_plugin
+from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.reference import SHIFTS
-from shadelab.sandbox import Sandbox
+from shadelab.truth.expected import CHANNELS, INTERIOR, SceneTruth, largest_nearby
+from shadelab.truth.making import SHIFTS
 
 FOLDER = ROOT / "scenes" / "stress"
 TOTAL = CHANNELS["total"]

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from conftest import ROOT
+from shadelab.course.assignment import Scene, load_assignment
 from shadelab.errors import UserError
-from shadelab.manifest import Scene, load_assignment
 from shadelab.study import declaration, plot
 from shadelab.study.backends import SERIES, measure_backends
 from shadelab.study.declaration import Backends, Interpolation, Sampling, Study, load_study, studied, study_names

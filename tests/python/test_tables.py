@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from shadelab.course.assignment import Function, assignment_names, load_assignment, named_arrays
+from shadelab.course.hidden import Family, Hidden, Variation, hidden_scene_files
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.hidden import Family, Hidden, Variation, hidden_scene_files
-from shadelab.manifest import Function, assignment_names, load_assignment, named_arrays
-from shadelab.reference import FRAGMENTS, load
-from shadelab.tables import ROWS, jittered, make_table, on_gate, renormalised
-from shadelab.toml_files import read_toml
+from shadelab.truth.making import FRAGMENTS, load
+from shadelab.truth.tables import ROWS, jittered, make_table, on_gate, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 REAL = {"range": [0.0, 1.0], "typical": [0.1, 0.9]}

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab.build import Recipe, build_plugin
-from shadelab.evidence import Draw, Evaluate, GlslRunner
-from shadelab.expected import INTERIOR, Table, missing_meshes
-from shadelab.findings import (
+from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.mistakes import load_changes
+from shadelab.evidence.runners import Draw, Evaluate, GlslRunner
+from shadelab.grading.grade import grade
+from shadelab.judge.findings import (
     FACTOR,
     FULL_MARKS,
     LEAST_FLOOR,
@@ -19,12 +20,11 @@ from shadelab.findings import (
     scaled_error,
     violating_share,
 )
-from shadelab.grade import grade
-from shadelab.manifest import assignment_names, load_assignment
-from shadelab.mistakes import load_changes
+from shadelab.machine.build import Recipe, build_plugin
+from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.reference import PLAIN, load
-from shadelab.sandbox import Sandbox
+from shadelab.truth.expected import INTERIOR, Table, missing_meshes
+from shadelab.truth.making import PLAIN, load
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 LIGHTS, PHONG = (next(a for a in ASSIGNMENTS if a.name == name) for name in ("lights", "phong"))

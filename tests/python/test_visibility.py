@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from shadelab import visibility
-from shadelab.glbench import DepthFrame
-from shadelab.glclient import Client
-from shadelab.visibility import LEAST_HEIGHT, MADE, OUR_DEPTH_ERROR, SAMPLES, UNIT, Comparison
+from shadelab.gl.client import Client
+from shadelab.measure import visibility
+from shadelab.measure.peer import DepthFrame
+from shadelab.measure.visibility import LEAST_HEIGHT, MADE, OUR_DEPTH_ERROR, SAMPLES, UNIT, Comparison
 
 QUICK = ["phong/teapot", "phong/interpolation", "phong/grazing", "microfacet/metals", "lights/cosine", "lights/studio"]
 LLVMPIPE_DEPTH_ERROR = 8 * UNIT  # measured: 5.5 at most

@@ -2,8 +2,8 @@
 
 import re
 
+from shadelab.report import short as texts
 from shadelab.report import terminal as words
-from shadelab.report import texts
 from shadelab.result import Result
 
 MOST = 10  # of one kind in one step; GitHub drops the others

@@ -11,8 +11,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from shadelab.report import short as texts
 from shadelab.report import terminal as words
-from shadelab.report import texts
 from shadelab.result import Check, Result
 
 SCHEMA = "classroom50/result/v1"

@@ -15,8 +15,8 @@ import json
 from collections import Counter
 from typing import Any
 
+from shadelab.report import short as texts
 from shadelab.report import terminal as words
-from shadelab.report import texts
 from shadelab.report.markdown import details, inline
 from shadelab.result import Check, Result
 

@@ -19,9 +19,9 @@ import numpy as np
 from markupsafe import Markup, escape
 from PIL import Image
 
-from shadelab.expected import BACKGROUND, EDGE, INTERIOR, SceneTruth
 from shadelab.report import terminal as words
 from shadelab.result import Check, Point, Result
+from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR, SceneTruth
 
 THUMBNAIL = 192
 PRINTED = 4096  # of what the code printed, in characters

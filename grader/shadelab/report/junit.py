@@ -7,8 +7,8 @@ and points.
 import re
 import xml.etree.ElementTree as ET
 
+from shadelab.report import short as texts
 from shadelab.report import terminal as words
-from shadelab.report import texts
 from shadelab.result import Check, Result
 
 _illegal = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0, escaped or not

@@ -6,8 +6,8 @@ checks a summary has the name, the status and the points, and nothing else: it i
 
 import re
 
+from shadelab.report import short as texts
 from shadelab.report import terminal as words
-from shadelab.report import texts
 from shadelab.result import Check, Result
 
 LIMIT = 1_000_000  # bytes. GitHub drops a step's summary beyond 1 MiB; the rest is for what else the step writes

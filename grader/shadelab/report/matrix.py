@@ -5,8 +5,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from shadelab.check import Matrix, Row
-from shadelab.grade import LANGUAGES
+from shadelab.grading.grade import LANGUAGES
+from shadelab.prove.check import Matrix, Row
 
 # A line for each submission, also where the terminal breaks it.
 WIDTH = 110

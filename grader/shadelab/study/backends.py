@@ -9,15 +9,15 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from shadelab.bench import geometric_mean
+from shadelab.course.assignment import Assignment, Scene
 from shadelab.errors import UserError
-from shadelab.expected import missing_meshes
-from shadelab.manifest import Assignment, Scene
+from shadelab.measure.bench import geometric_mean
 from shadelab.paths import shown
 from shadelab.study.declaration import Study
 from shadelab.study.images import image_error
 from shadelab.study.points import Part, Point, interleaved
 from shadelab.study.timing import Program, Workbench
+from shadelab.truth.expected import missing_meshes
 
 SERIES = ["cpp-float", "cpp-float-full", "cpp-double", "glsl", "glsl-full"]
 LANGUAGES = {"C++": ("cpp-float", "cpp-float-full"), "GLSL": ("glsl", "glsl-full")}  # what is needed, and everything

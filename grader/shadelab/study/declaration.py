@@ -8,9 +8,9 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from shadelab.course.toml_files import Declared, validated
 from shadelab.errors import UserError
 from shadelab.paths import ROOT, shown
-from shadelab.toml_files import Declared, validated
 
 STUDIES = ROOT / "studies"
 Model = TypeVar("Model", bound=BaseModel)

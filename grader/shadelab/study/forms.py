@@ -19,16 +19,16 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from shadelab import exact
-from shadelab.build import Recipe
+from shadelab.course.assignment import Assignment, Function, flat_rows, load_assignment
+from shadelab.course.toml_files import Declared
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.manifest import Assignment, Function, flat_rows, load_assignment
+from shadelab.machine.build import Recipe
+from shadelab.machine.sandbox import Limits
 from shadelab.paths import RENDER, ROOT, SOLUTION
-from shadelab.sandbox import Limits
 from shadelab.study.declaration import STUDIES, Study
 from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, interleaved
 from shadelab.study.timing import Workbench
-from shadelab.toml_files import Declared
+from shadelab.truth import exact
 
 LIMITS = Limits(seconds=60)
 IN_LOBE = 1e-3  # of the lobe's peak: what is smaller does not show

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from shadelab import bench
-from shadelab.build import FUNCTIONS, Recipe
+from shadelab.course.assignment import Assignment, flat_rows, named_arrays
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError
-from shadelab.evidence import CppRunner, Evaluate
-from shadelab.manifest import Assignment, flat_rows, named_arrays
+from shadelab.evidence.runners import CppRunner, Evaluate
+from shadelab.machine.build import FUNCTIONS, Recipe
+from shadelab.measure import bench
 from shadelab.study.timing import Program, Workbench
-from shadelab.toml_files import read_toml
 
 
 def image_error(image: np.ndarray, truth: np.ndarray) -> dict[str, float]:

@@ -15,8 +15,8 @@ from types import ModuleType
 import numpy as np
 import tomli_w
 
-from shadelab.bench import milliseconds
-from shadelab.manifest import load_assignment
+from shadelab.course.assignment import load_assignment
+from shadelab.measure.bench import milliseconds
 from shadelab.paths import SCENES, SOLUTION
 from shadelab.study.declaration import Interpolation, Study
 from shadelab.study.images import Functions, analytic_sphere, image_error

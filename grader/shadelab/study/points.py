@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shadelab.bench import spread
+from shadelab.measure.bench import spread
 
 Progress = Callable[[str, float, float], None]
 # Threads of OpenMP spin for a while after a frame; what is measured next must not meet them.

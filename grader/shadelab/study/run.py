@@ -8,11 +8,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from shadelab.bench import Progress, describe_machine
-from shadelab.build import processor_level
-from shadelab.manifest import Assignment, Scene, assignment_names, load_assignment
+from shadelab.course.assignment import Assignment, Scene, assignment_names, load_assignment
+from shadelab.machine.build import processor_level
+from shadelab.machine.sandbox import work_folder
+from shadelab.measure.bench import Progress, describe_machine
 from shadelab.paths import SOLUTION, shown
-from shadelab.sandbox import work_folder
 from shadelab.study.backends import measure_backends
 from shadelab.study.declaration import Sampling, Study, declared_scene, studied, sub_model
 from shadelab.study.interpolation import measure_interpolation

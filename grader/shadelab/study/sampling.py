@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shadelab.manifest import Assignment
+from shadelab.course.assignment import Assignment
 from shadelab.paths import ROOT, shown
 from shadelab.study.declaration import Sampling, Study
 from shadelab.study.images import ONE_FRAME, converged, image_error, small_size

@@ -15,13 +15,13 @@ from typing import Protocol
 
 import numpy as np
 
-from shadelab.bench import Bench, Progress, Resident, frames_command, make_packet
-from shadelab.build import BuildError, Recipe, build_plugin
+from shadelab.course.assignment import Assignment, Scene
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.evidence import DRAW_LIMITS, Draw, GlslRunner, load_image
-from shadelab.manifest import Assignment, Scene
+from shadelab.evidence.runners import DRAW_LIMITS, Draw, GlslRunner, load_image
+from shadelab.machine.build import BuildError, Recipe, build_plugin
+from shadelab.machine.sandbox import Sandbox
+from shadelab.measure.bench import Bench, Progress, Resident, frames_command, make_packet
 from shadelab.paths import RENDER, shown
-from shadelab.sandbox import Sandbox
 
 Shift = tuple[float, float]  # pixels right and up
 UNMOVED: Shift = (0.0, 0.0)

@@ -1,0 +1,1 @@
+"""What is declared: assignments, mistakes, hidden scenes."""

@@ -1,0 +1,1 @@
+"""What student code gives: function outputs and images, as raw numbers."""

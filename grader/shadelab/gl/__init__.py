@@ -1,0 +1,1 @@
+"""OpenGL: a context without a display, frame packets, and the client that draws them."""

@@ -1,0 +1,333 @@
+"""The OpenGL client: evaluates functions and draws frame packets with a student's GLSL. Runs in a child process.
+
+    python -m shadelab.gl.client JOBS.json
+
+JOBS.json: {"student": file, "prelude": file, "status": file, "jobs": [...]}, each job one of
+    {"kind": "compile"}
+    {"kind": "evaluate", "main": file, "columns_in": n, "columns_out": n, "rows": file, "output": file}
+    {"kind": "draw", "packet": file, "output": file}
+and, where it is not about the student's file, with "student": another file.
+Tables are raw float32, images .npy. For each job the status file gets a line {"begin": i} and, when it ended,
+{"end": i, "error": null | message, "students": whether the student's shader is at fault, "seconds": s, "frame": seconds of drawing
+alone, or null}; a job that has begun and not ended took the process with it.
+"""
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from shadelab.errors import UserError
+from shadelab.gl.context import create_context, describe
+from shadelab.gl.packet import Packet
+
+# Each text has its own line numbers, so that a driver's message tells which one it means (see glue.hpp).
+PRELUDE_LINE, MAIN_LINE = 1_000_001, 2_000_001
+
+_full_screen = "#version 330\nin vec2 corner;\nvoid main() { gl_Position = vec4(corner, 0.0, 1.0); }\n"
+
+
+class ShaderError(Exception):
+    """The driver's words about a shader that does not compile or link."""
+
+
+def assemble(prelude: str, student: str, main: str) -> str:
+    return f"#version 330\n#line {PRELUDE_LINE}\n{prelude}\n#line 1\n{student}\n#line {MAIN_LINE}\n{main}"
+
+
+class Client:
+    def __init__(self, prelude: str, student: str) -> None:
+        self.context = create_context()
+        self.prelude, self.student = prelude, student
+        self.programs: dict[tuple[str, str], moderngl.Program] = {}
+        self.last_set: dict[int, Object] = {}  # by program (glo): whose uniforms it holds
+
+    def program(self, vertex: str, fragment: str) -> moderngl.Program:
+        if (vertex, fragment) not in self.programs:
+            try:
+                self.programs[vertex, fragment] = self.context.program(vertex_shader=vertex, fragment_shader=fragment)
+            except moderngl.Error as error:
+                raise ShaderError(str(error)) from None
+        return self.programs[vertex, fragment]
+
+    def shader(self, main: str, with_student: bool) -> str:
+        return (
+            assemble(self.prelude, self.student, main) if with_student else f"#version 330\n#line {MAIN_LINE}\n{main}"
+        )
+
+    def set_uniforms(self, which: "Object") -> None:
+        """Objects may share a program: its uniforms are set when another object was the last to use it."""
+        if self.last_set.get(which.program.glo) is not which:
+            for uniform, value in which.uniforms:
+                uniform.write(value)
+            self.last_set[which.program.glo] = which
+
+    # ------------------------------------------------------------------------------------------------- functions
+
+    def compile(self) -> None:
+        main = "out vec4 shadelab_out;\nvoid main() { shadelab_out = vec4(0.0); }\n"
+        self.program(_full_screen, assemble(self.prelude, self.student, main))
+
+    def evaluate(self, main: str, rows: np.ndarray, columns_out: int) -> np.ndarray:
+        """rows: (N, columns) float32. Returns (N, columns_out) float32. The layout is glue.cpp's: 1024 rows per line."""
+        program = self.program(_full_screen, assemble(self.prelude, self.student, main))
+        count, columns = rows.shape
+        width, height = 1024, (count + 1023) // 1024
+        texels, targets = (columns + 3) // 4, (columns_out + 3) // 4
+        padded = np.zeros((height * width, texels * 4), np.float32)
+        padded[:count, :columns] = rows
+        texture = self.context.texture((width * texels, height), 4, padded.tobytes(), dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        texture.use(0)
+        if "shadelab_rows" in program:  # a function that reads no argument leaves it out
+            program["shadelab_rows"].value = 0
+        colours = [self.context.texture((width, height), 4, dtype="f4") for _ in range(targets)]
+        framebuffer = self.context.framebuffer(colours)
+        framebuffer.use()
+        self.context.disable(moderngl.DEPTH_TEST)
+        corners = self.context.buffer(np.array([-1, -1, 3, -1, -1, 3], np.float32).tobytes())
+        self.context.vertex_array(program, [(corners, "2f", "corner")]).render(moderngl.TRIANGLES)
+        parts = [
+            np.frombuffer(framebuffer.read(components=4, attachment=k, dtype="f4"), np.float32).reshape(-1, 4)
+            for k in range(targets)
+        ]
+        for resource in [texture, framebuffer, corners, *colours]:
+            resource.release()
+        return np.concatenate(parts, axis=1)[:count, :columns_out]
+
+    # ----------------------------------------------------------------------------------------------------- scenes
+
+    def draw(self, packet: Packet, frames: int = 0) -> tuple[np.ndarray, list[float]]:
+        """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them. And the seconds
+        of further frames."""
+        images, seconds = [], [0.0] * frames
+        for each in passes(packet.header):
+            frame = Frame(self, packet, each)
+            frame.draw()
+            images.append(frame.read())
+            # The first drawing has compiled; others tell what one takes.
+            for turn in range(frames):
+                start = time.perf_counter()
+                frame.draw()
+                self.context.finish()
+                seconds[turn] += time.perf_counter() - start
+            frame.release()
+        return film(packet.header, images), seconds
+
+
+@dataclass
+class Pass:
+    """One pass over the objects. `program` names the entry of each draw and, with an s, of the header's list of texts."""
+
+    program: str
+    clear: list[tuple[float, ...]]  # one colour per target
+    samples: int
+
+
+def passes(header: dict[str, Any]) -> list[Pass]:
+    """The shaded pass and, where the layers are asked for, that of ids, depths, normals and positions."""
+    targets = 4 if header["terms"] else 1  # total, ambient, diffuse, specular
+    background = [(*header["background"], 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (targets - 1)
+    shaded = Pass("program", background, header["samples"])
+    if not header["geometry"]:
+        return [shaded]
+    return [shaded, Pass("geometry_program", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1)]
+
+
+def film(header: dict[str, Any], images: list[list[np.ndarray]]) -> np.ndarray:
+    """One image out of what each pass has drawn, with the channels in the C++ film's order."""
+    factor = header["supersample"]
+    colours = [image[..., :3] for image in images[0]]
+    coverage = [images[0][0][..., 3:]] if header["terms"] else []
+    shaded = box_filter(np.concatenate(colours + coverage, axis=2), factor)
+    if not header["geometry"]:
+        return shaded
+    ids_normals, depths_positions = images[1]
+    layers = np.concatenate(
+        [ids_normals[..., 3:], depths_positions[..., 3:], ids_normals[..., :3], depths_positions[..., :3]], axis=2
+    )
+    centre = factor // 2
+    return np.concatenate([shaded, layers[centre::factor, centre::factor]], axis=2)
+
+
+@dataclass
+class Object:
+    """What one draw call needs, on the OpenGL side."""
+
+    program: moderngl.Program
+    uniforms: list[tuple[moderngl.Uniform, bytes]]
+    array: moderngl.VertexArray
+    buffers: list[moderngl.Buffer]
+
+
+class Objects:
+    """A packet's objects for one pass: programs, buffers and vertex arrays are made here, once."""
+
+    def __init__(self, client: Client, packet: Packet, which: str) -> None:
+        self.client = client
+        texts = packet.header[f"{which}s"]
+        # All programs first: a shader that does not compile leaves no buffers behind.
+        programs = [self.program(texts[draw[which]], which == "program") for draw in packet.header["draws"]]
+        self.objects = [self.object(packet, *pair) for pair in zip(packet.header["draws"], programs)]
+        self.lights = self.light_texture(packet)
+
+    def program(self, texts: dict[str, Any], shades: bool) -> moderngl.Program:
+        student_in = "" if not shades else "vertex" if texts["student_in_vertex"] else "fragment"
+        return self.client.program(
+            *(self.client.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
+        )
+
+    def object(self, packet: Packet, draw: dict[str, Any], program: moderngl.Program) -> Object:
+        context = self.client.context
+        uniforms = [
+            (program[name], np.array(value, np.float32).tobytes())
+            for name, value in draw["uniforms"].items()
+            if name in program  # the compiler drops what a student's function does not read
+        ]
+        vertices = {
+            "shadelab_position": context.buffer(packet.bytes(draw["positions"], 12)),
+            **({"shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12))} if "normals" in draw else {}),
+        }
+        indices = context.buffer(packet.bytes(draw["indices"], 4))
+        attributes = [(buffer, "3f", name) for name, buffer in vertices.items() if name in program]
+        array = context.vertex_array(program, attributes, indices)
+        return Object(program, uniforms, array, [indices, *vertices.values()])
+
+    def light_texture(self, packet: Packet) -> moderngl.Texture | None:
+        """The lights of a scene that has too many for uniforms (glue.hpp). Samplers that nobody sets read unit 0."""
+        if (place := packet.header.get("light_texels")) is None:
+            return None
+        size = (place["width"], place["count"] // (4 * place["width"]))
+        texture = self.client.context.texture(size, 4, packet.bytes(place, 4), dtype="f4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def draw(self) -> None:
+        if self.lights is not None:
+            self.lights.use(0)
+        for each in self.objects:
+            self.client.set_uniforms(each)
+            each.array.render(moderngl.TRIANGLES)
+
+    def release(self) -> None:
+        for each in self.objects:
+            for resource in [each.array, *each.buffers]:
+                resource.release()
+        if self.lights is not None:
+            self.lights.release()
+
+
+class Frame:
+    """One pass over a packet, ready to be drawn again and again."""
+
+    def __init__(self, client: Client, packet: Packet, each: Pass, components: int = 4) -> None:
+        """components: of the float32 targets. 3 leaves the coverage out; not every driver draws into such targets."""
+        self.context, self.clear, self.components = client.context, each.clear, components
+        self.size = (packet.header["width"], packet.header["height"])
+        if each.samples not in (1, 2, 4):
+            raise UserError(f"{each.samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
+        self.objects = Objects(client, packet, each.program)
+        textures = [self.context.texture(self.size, components, dtype="f4") for _ in self.clear]
+        if each.samples == 1:
+            self.target = self.resolved = self.context.framebuffer(textures, self.context.depth_texture(self.size))
+            return
+        # Without a depth attachment: only colours are resolved.
+        self.resolved = self.context.framebuffer(textures)
+        self.target = self.context.framebuffer(
+            [self.context.renderbuffer(self.size, components, samples=each.samples, dtype="f4") for _ in self.clear],
+            self.context.depth_renderbuffer(self.size, samples=each.samples),
+        )
+
+    def draw(self) -> None:
+        """Clears, draws every object and averages the samples. The driver may still be at work afterwards."""
+        self.target.use()
+        self.context.enable(moderngl.DEPTH_TEST)
+        # moderngl clears all attachments at once with one colour; others are kept from it by their masks.
+        for colour in dict.fromkeys(self.clear):
+            set_masks(self.target, [colour == other for other in self.clear])
+            self.target.clear(*colour, depth=1.0)
+        set_masks(self.target, [True] * len(self.clear))
+        self.objects.draw()
+        if self.target is not self.resolved:
+            self.context.copy_framebuffer(self.resolved, self.target)
+
+    def buffer(self) -> np.ndarray:
+        """Room for what read_into writes: (targets, H, W, components) float32."""
+        return np.empty((len(self.clear), self.size[1], self.size[0], self.components), np.float32)
+
+    def read_into(self, images: np.ndarray) -> None:
+        """Copies every target once it is drawn, with row 0 at the bottom, as OpenGL has it."""
+        for k, image in enumerate(images):
+            self.resolved.read_into(image, components=self.components, attachment=k, dtype="f4")
+
+    def read(self) -> list[np.ndarray]:
+        """Every target: (H, W, components) float32, row 0 at the top."""
+        images = self.buffer()
+        self.read_into(images)
+        return [image[::-1] for image in images]
+
+    def release(self) -> None:
+        self.objects.release()
+        for framebuffer in {id(f): f for f in (self.target, self.resolved)}.values():
+            for attachment in [*framebuffer.color_attachments, framebuffer.depth_attachment]:
+                if attachment is not None:
+                    attachment.release()
+            framebuffer.release()
+
+
+def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
+    masks = [(w,) * 4 for w in written]
+    framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
+
+
+def box_filter(image: np.ndarray, n: int) -> np.ndarray:
+    """Averages n x n pixels, in double."""
+    if n == 1:
+        return image
+    height, width, channels = image.shape
+    return image.reshape(height // n, n, width // n, n, channels).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+
+
+def run(job: dict[str, Any], client: Client) -> list[float]:
+    """Returns the seconds of frames alone, where they are drawn."""
+    if job["kind"] == "compile":
+        client.compile()
+    elif job["kind"] == "evaluate":
+        rows = np.fromfile(job["rows"], np.float32).reshape(-1, job["columns_in"])
+        client.evaluate(Path(job["main"]).read_text(), rows, job["columns_out"]).tofile(job["output"])
+    else:
+        image, seconds = client.draw(Packet(Path(job["packet"])), job.get("frames", 0))
+        np.save(job["output"], image)
+        return seconds
+    return []
+
+
+def main() -> None:
+    task = json.loads(Path(sys.argv[1]).read_text())
+    with open(task["status"], "a", buffering=1) as status:
+        client = Client(Path(task["prelude"]).read_text(), "")
+        status.write(json.dumps({"gl": describe(client.context)}) + "\n")
+        for index, job in enumerate(task["jobs"]):
+            status.write(json.dumps({"begin": index}) + "\n")
+            start, message, students, frames = time.perf_counter(), None, False, []
+            try:
+                client.student = Path(job.get("student", task["student"])).read_text(errors="replace")
+                frames = run(job, client)
+            except ShaderError as error:
+                message, students = str(error), True
+            except UserError as error:
+                message = str(error)
+            except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told
+                message = f"the OpenGL client failed: {type(error).__name__}: {error}"
+            seconds = time.perf_counter() - start
+            end = {"end": index, "error": message, "students": students, "seconds": seconds, "frames": frames}
+            status.write(json.dumps(end) + "\n")
+
+
+if __name__ == "__main__":
+    main()

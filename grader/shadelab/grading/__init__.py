@@ -1,0 +1,1 @@
+"""The way of a submission: plan, questions, answers, judgement, result."""

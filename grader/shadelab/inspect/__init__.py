@@ -1,0 +1,1 @@
+"""What one asks of one's own code outside of a grading: a pixel, the ends of the domains, the machine."""

@@ -1,0 +1,551 @@
+"""printf for shaders: what takes part at one pixel, and what each function gives there: the student's C++ and GLSL beside what is
+expected.
+
+Where a fragment lies our rasterizer's geometry layers say. The framework calls the models and incident_light; with what arguments
+these call the other functions, the solution in double tells (follow.py). Without it, or where its values are not to be shown,
+only those functions appear whose arguments have the names of what is known.
+"""
+
+import json
+import re
+import subprocess
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table as Grid
+from rich.text import Text
+
+from shadelab.course.assignment import Assignment, Function, Scene, named_arrays
+from shadelab.course.mistakes import slide_formulas, write_submission
+from shadelab.course.toml_files import read_toml
+from shadelab.errors import InfrastructureError, UserError
+from shadelab.evidence import intake
+from shadelab.evidence.runners import CppRunner, Draw, Evaluate, GlslRunner
+from shadelab.gl.packet import Packet
+from shadelab.judge.findings import function_limit, function_members, scaled_error
+from shadelab.machine.build import BuildError, Recipe, glue_folder
+from shadelab.machine.sandbox import Sandbox, work_folder
+from shadelab.paths import RENDER, STATE, shown
+from shadelab.report.terminal import ASCII_SYMBOLS, BACKENDS, SYMBOLS, number, plain
+from shadelab.truth import making as reference
+from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, Table, missing_meshes, with_callees
+from shadelab.truth.follow import Reference
+from shadelab.truth.tables import jittered, renormalised
+
+LIGHT_KINDS = ("point", "directional", "spot")
+SIDES = {**BACKENDS, "expected": "expected"}
+TERMS = ("total", "ambient", "diffuse", "specular")
+ALL_CHANNELS = max(channels.stop for channels in CHANNELS.values())
+# Two calls with arguments as near as this are one: the solution's are double, and rounded on their way.
+SAME = {"rtol": 1e-5, "atol": 1e-6}
+
+# What is known by name, and its type: a material's roughness and the material itself may both be called m.
+Known = dict[tuple[str, str], np.ndarray]
+
+
+@dataclass
+class Call:
+    """One evaluation of a function. Where a side gave nothing, `values` holds None."""
+
+    light: int
+    function: Function
+    row: np.ndarray  # (columns,) float32
+    values: dict[str, np.ndarray | None] = field(default_factory=dict)  # by side
+    wrong: dict[str, np.ndarray] = field(default_factory=dict)  # by backend: which numbers are off; only where judged
+
+
+@dataclass
+class Probe:
+    assignment: Assignment
+    scene: Path
+    pixel: tuple[int, int]
+    object: int = 0
+    material: str = ""
+    model: str = ""
+    known: list[Known] = field(default_factory=list)  # per light; what does not depend on lights stands in each
+    kinds: list[str] = field(default_factory=list)  # of the lights
+    calls: list[Call] = field(default_factory=list)
+    rendered: dict[str, np.ndarray] = field(default_factory=dict)  # by side: (TERM_CHANNELS,)
+    failures: dict[str, list[str]] = field(default_factory=dict)  # by backend: what did not work
+    printed: dict[str, str] = field(default_factory=dict)  # by function: what the student's C++ prints
+    notes: list[str] = field(default_factory=list)
+    judged: bool = False
+
+    def first_wrong(self) -> dict[str, str]:
+        """By backend, the first function in data-flow order of which a value is off: what it calls is right."""
+        out = {}
+        for function in self.assignment.functions:
+            for call in self.calls:
+                if call.function is function:
+                    for backend, wrong in call.wrong.items():
+                        if wrong.any():
+                            out.setdefault(backend, function.name)
+        return out
+
+
+def pixel_of(text: str) -> tuple[int, int]:
+    if not (found := re.fullmatch(r"\s*(\d{1,6})\s*,\s*(\d{1,6})\s*", text)):
+        raise UserError(f"{text}: give a pixel as X,Y, for example 200,150; 0,0 is the one at the top left")
+    return int(found[1]), int(found[2])
+
+
+def probe(
+    assignment: Assignment,
+    scene: Path,
+    pixel: tuple[int, int],
+    submission: Path,
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Probe:
+    glue_folder(assignment.directory)  # once, before two threads want it
+    expected = reference.load(assignment, progress)
+    listed = next((s for s in assignment.scenes if s.file.resolve() == scene.resolve()), None)
+    # Hidden scenes of another time, with other numbers, are no less hidden.
+    drawn = listed or Scene(scene.stem, scene.resolve(), 0, hidden=STATE / "hidden" in scene.resolve().parents)
+    if listed and (missing := missing_meshes(listed)):  # of any other scene the renderer tells file and line
+        raise UserError(
+            f"{shown(scene)}: the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
+        )
+    out = Probe(assignment, scene, pixel)
+    hidden, here = drawn.hidden, (assignment.directory / "shading.cpp").exists()
+    with work_folder("probe") as work:
+        packet_file = expected.packet(listed, assignment) if listed else work / "scene.packet"
+        if not listed:
+            _renderer(["packet", scene, "--assignment", assignment.directory, "--layers", "-o", packet_file])
+        header = Packet(packet_file).header
+        width, height = header["width"], header["height"]
+        if pixel[0] >= width or pixel[1] >= height:
+            size, last = f"{width} x {height} pixels", f"{width - 1},{height - 1}"
+            raise UserError(f"{shown(scene)}: the image has {size}: X,Y is at most {last}")
+        # Of a scene of the assignment the layers are known; of any other, whoever draws it first tells them.
+        layers = expected.scene(listed).layers if listed else None
+        if layers is not None:
+            _look_up(out, layers, header)
+        solution = _Solution(assignment, expected, drawn, work) if here and not hidden else None
+        if solution is None:
+            why = "the scene is hidden" if hidden else "they need the solution, which is not here"
+            out.notes.append(f"No expected values of functions: {why}.")
+        elif layers is None:
+            _look_up(out, layers := solution.draw(), header)
+        files = intake.take(submission, assignment, work / "submission")
+        draw = Draw(drawn, packet_file, "terms" if listed else "all")
+        shape = (height, width, TERM_CHANNELS if listed else ALL_CHANNELS)
+        students = [_Student(backend, out, work, draw, shape, files) for backend in BACKENDS]
+        with ThreadPoolExecutor(len(students)) as pool:
+            list(pool.map(_Student.start, students))
+        images = [s.image for s in students if s.image is not None]
+        if layers is None:
+            if not images:
+                raise UserError("; ".join(f"{BACKENDS[b]}: {words[0]}" for b, words in out.failures.items()))
+            _look_up(out, _layers(images[0]), header)
+        x, y = pixel
+        out.rendered = {s.backend: s.image[y, x, :TERM_CHANNELS] for s in students if s.image is not None}
+        if layers is not None and not hidden:
+            terms = [layers[name][y, x] for name in CHANNELS]
+            out.rendered["expected"] = np.concatenate(terms)[:TERM_CHANNELS]
+        _find_calls(out, expected, solution)
+        with ThreadPoolExecutor(len(students)) as pool:
+            list(pool.map(_Student.evaluate, students))
+        if solution is not None:
+            solution.judge(out)
+    return out
+
+
+def _renderer(arguments: Iterable[Any]) -> str:
+    """The renderer without student code: no sandbox."""
+    outcome = subprocess.run([str(RENDER), *map(str, arguments)], capture_output=True, text=True)
+    if outcome.returncode:
+        raise (UserError if outcome.returncode == 2 else InfrastructureError)(outcome.stderr.strip())
+    return outcome.stdout
+
+
+def _loops(assignment: Assignment, scene: Scene) -> tuple[str, ...]:
+    return tuple(json.loads(_renderer(["needs", scene.file, "--assignment", assignment.directory]))["loops"])
+
+
+def _layers(image: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: image[..., channels] for name, channels in CHANNELS.items()}
+
+
+# ----------------------------------------------------------------------------------------------------- what is known
+
+
+def _look_up(out: Probe, layers: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+    """The fragment's facts. Raises UserError where there is none."""
+    x, y = out.pixel
+    ids = layers["id"][..., 0]
+    if not ids[y, x]:
+        rows, columns = np.nonzero(ids)
+        if not len(rows):
+            raise UserError(f"{shown(out.scene)}: pixel {x},{y} is background, as is every other")
+        nearest = np.argmin((rows - y) ** 2 + (columns - x) ** 2)
+        raise UserError(
+            f"{shown(out.scene)}: pixel {x},{y} is background; the nearest of an object is {columns[nearest]},{rows[nearest]}"
+        )
+    facts, assignment = header["scene"], out.assignment
+    out.object = int(ids[y, x])
+    shaded, declared = facts["objects"][out.object - 1], read_toml(out.scene)["object"][out.object - 1]
+    out.material, out.model = declared["material"], shaded["model"]
+    if declared.get("interpolation") == "gouraud":
+        out.notes.append(
+            "This object is shaded at its vertices, and the colours are interpolated: not with these values."
+        )
+    n, position = (layers[name][y, x].astype(np.float64) for name in ("normal", "position"))
+    v = _unit(facts["eye"] - position)
+    always: Known = {("n", "vec3"): n, ("x", "vec3"): position, ("v", "vec3"): v}
+    for model in assignment.functions:
+        if model.name == out.model:
+            struct = model.values[0]
+            always[struct.name, struct.domain.type] = np.array(shaded["material"])
+    for flat in facts["lights"]:
+        light = {name: value[0] for name, value in _named(assignment, "Light", np.array(flat)).items()}
+        l = _unit(-light["direction"] if light["kind"] == 1 else light["position"] - position)
+        own: Known = {("light", "Light"): np.array(flat), ("l", "vec3"): l, ("h", "vec3"): _unit(l + v)}
+        out.known.append({**always, **own})
+        out.kinds.append(LIGHT_KINDS[int(light["kind"])])
+    if not out.known:
+        out.known.append(always)
+        out.notes.append("The scene has no light: no function takes part.")
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / max(float(np.linalg.norm(v)), 1e-30)
+
+
+def _named(assignment: Assignment, struct: str, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    return named_arrays(assignment.columns(assignment.structs[struct].values), numbers[None])
+
+
+def _members(assignment: Assignment, known: Known) -> Known:
+    """The members of the material by their own names."""
+    out: Known = {}
+    for (_, kind), numbers in known.items():
+        if kind in assignment.structs and kind != "Light":
+            values = _named(assignment, kind, numbers)
+            for value in assignment.structs[kind].values:
+                out[value.name, value.domain.type] = np.atleast_1d(values[value.name][0])
+    return out
+
+
+def _row(function: Function, known: Known) -> np.ndarray | None:
+    """What the function takes, where all of it is known by name."""
+    keys = [(value.name, value.domain.type) for value in function.values]
+    return np.hstack([known[k] for k in keys]).astype(np.float32) if all(k in known for k in keys) else None
+
+
+# -------------------------------------------------------------------------------------------- who is called with what
+
+
+def _find_calls(out: Probe, expected: Expected, solution: "_Solution | None") -> None:
+    """Per light in data-flow order: the framework's calls, and those that follow from them."""
+    functions = out.assignment.functions
+    framework = {f.name for f in functions if f.name in (out.model, "incident_light")}
+    part = with_callees(framework, expected.facts.calls)
+    left_out: set[str] = set()
+    for light, known in enumerate(out.known if out.kinds else []):
+        asked: dict[str, list[np.ndarray]] = {f.name: [] for f in functions}
+        # From the last function on: callees are defined before their callers.
+        for function in reversed(functions):
+            by_name = known if solution or function.name in framework else {**_members(out.assignment, known), **known}
+            if function.name in (framework if solution else part):
+                if (row := _row(function, by_name)) is not None:
+                    asked[function.name].append(row)
+                else:
+                    left_out.add(function.name)
+            if solution and expected.facts.calls[function.name]:
+                for row in asked[function.name]:
+                    for name, rows in solution.calls(function, row).items():
+                        asked[name] += [r for r in rows if not any(np.allclose(r, a, **SAME) for a in asked[name])]
+        out.calls += [Call(light, f, row) for f in functions for row in asked[f.name]]
+    if left_out:
+        names = ", ".join(f.name for f in functions if f.name in left_out)
+        out.notes.append(f"Left out, because what they take is not known by name here: {names}.")
+    if out.kinds and out.model not in framework:
+        out.notes.append(f"The model {out.model} is none of {out.assignment.name}'s functions.")
+
+
+def _by_function(calls: list[Call]) -> list[tuple[Function, list[Call]]]:
+    names = dict.fromkeys(call.function.name for call in calls)
+    groups = [[call for call in calls if call.function.name == name] for name in names]
+    return [(group[0].function, group) for group in groups]
+
+
+class _Student:
+    """One language of the submission. What goes wrong is told, and costs its values alone."""
+
+    def __init__(
+        self, backend: str, out: Probe, work: Path, draw: Draw, shape: tuple[int, ...], files: dict[str, str | None]
+    ) -> None:
+        self.backend, self.out, self.draw, self.shape = backend, out, draw, shape
+        self.folder = work / "submission"
+        self.refused = files[f"shading.{backend}"]
+        sandbox = Sandbox(work / backend)
+        if backend == "cpp":  # one plugin for both, the functions and the picture
+            self.runner = CppRunner(out.assignment, sandbox, Recipe(loops=_loops(out.assignment, draw.scene)))
+        else:
+            self.runner = GlslRunner(out.assignment, sandbox)
+        self.built, self.image = False, None
+
+    def fail(self, words: str) -> None:
+        self.out.failures.setdefault(self.backend, []).append(plain(words))
+
+    def start(self) -> None:
+        tasks = [self.draw]
+        try:
+            if self.refused:
+                raise BuildError(self.refused)
+            self.runner.build(self.folder, *([tasks] if self.backend == "glsl" else []))
+        except BuildError as error:
+            self.fail(error.message)
+            return
+        self.built = True
+        [(_, output)] = self.runner.run(tasks)
+        if output.array is None:
+            self.fail(f"the render {output.failure}")
+        elif output.array.shape != self.shape:
+            self.fail(f"the render gave an image of another size: {output.array.shape}")
+        else:
+            self.image = output.array
+
+    def evaluate(self) -> None:
+        groups = _by_function(self.out.calls) if self.built else []
+        tasks = [Evaluate(function, np.array([call.row for call in calls])) for function, calls in groups]
+        for (function, calls), (_, output) in zip(groups, self.runner.run(tasks)):
+            if output.array is None:
+                self.fail(f"{function.name} {output.failure}")
+            if output.printed:
+                self.out.printed[function.name] = plain(output.printed)
+            for k, call in enumerate(calls):
+                call.values[self.backend] = None if output.array is None else output.array[k]
+
+
+class _Solution:
+    """The truth: what is called, and what comes of it."""
+
+    def __init__(self, assignment: Assignment, expected: Expected, scene: Scene, work: Path) -> None:
+        self.assignment, self.expected, self.scene, self.work = assignment, expected, scene, work
+        text = (assignment.directory / "shading.cpp").read_text()
+        self.reference = Reference(assignment, text, Sandbox(work / "reference"))
+        folders = [assignment.directory]
+        if slides := slide_formulas(assignment):  # as for the tables: they say how much rounding of the inputs may move
+            write_submission(assignment, slides, work / "slides")
+            folders.append(work / "slides")
+        self.forms = [self._built(folder, ()) for folder in folders]
+
+    def _built(self, folder: Path, loops: tuple[str, ...]) -> CppRunner:
+        runner = CppRunner(self.assignment, Sandbox(self.work / "solution"), Recipe(double=True, loops=loops))
+        runner.build(folder)
+        return runner
+
+    def draw(self) -> dict[str, np.ndarray]:
+        runner = self._built(self.assignment.directory, _loops(self.assignment, self.scene))
+        output = runner.draw(Draw(self.scene, layers="all"))
+        if output.array is None:
+            raise UserError(f"{shown(self.scene.file)}: the render {output.failure}")
+        return _layers(output.array)
+
+    def calls(self, function: Function, row: np.ndarray) -> dict[str, np.ndarray]:
+        return self.reference.calls(function, self._exact(function, row[None]))
+
+    def _exact(self, function: Function, rows: np.ndarray) -> np.ndarray:
+        with np.errstate(invalid="ignore"):
+            exact = renormalised(self.assignment, function, rows)
+        return np.where(np.isnan(exact), rows, exact)  # no direction at all: the h of opposite l and v
+
+    def judge(self, out: Probe) -> None:
+        """By the same limits as the checks of the functions, their tables' scale included."""
+        out.judged = True
+        for function, calls in _by_function(out.calls):
+            rows, table = np.array([call.row for call in calls]), self.expected.table(function)
+            exact = self._exact(function, rows)
+            inputs = np.concatenate([exact, *jittered(self.assignment, function, exact)])
+            outputs = [form.evaluate(Evaluate(function, inputs)) for form in self.forms]
+            if failed := next((o.failure for o in outputs if o.array is None), None):
+                raise UserError(f"{shown(self.assignment.directory)}: {function.name} {failed}")
+            results = np.concatenate([o.array.reshape(-1, len(rows), o.array.shape[1]) for o in outputs])
+            truth = results[0]
+            with np.errstate(invalid="ignore"):
+                conditioning = np.nan_to_num(np.abs(results[1:] - truth)).max(axis=0)
+            parts = zip((rows, truth, conditioning), (table.rows, table.truth, table.conditioning))
+            whole = Table(*(np.vstack(part) for part in parts), table.drawn)
+            for k, call in enumerate(calls):
+                call.values["expected"] = truth[k]
+            for backend in BACKENDS:
+                came = [call.values[backend] for call in calls if backend in call.values]
+                if not came:  # it does not compile
+                    continue
+                if any(values is None for values in came):
+                    came = np.full(truth.shape, np.nan)
+                limit = function_limit(self.expected.floor(function, backend), backend)
+                members = function_members(self.assignment, function)
+                error = scaled_error(np.vstack([came, table.truth]), whole, members)[: len(rows)]
+                for call, off in zip(calls, error > limit):
+                    call.wrong[backend] = off
+
+
+# --------------------------------------------------------------------------------------------------------- to look at
+
+
+def print_probe(out: Probe, console: Console) -> None:
+    ascii_only = console.options.ascii_only
+    mark = (ASCII_SYMBOLS if ascii_only else SYMBOLS)["failed"]
+
+    def say(text: str = "", style: str = "") -> None:
+        text = text.encode("ascii", "replace").decode() if ascii_only else text
+        console.print(Text(text, style), soft_wrap=not console.is_terminal)
+
+    say(f"{shown(out.scene)}, pixel {out.pixel[0]},{out.pixel[1]}", "bold")
+    say(f"object {out.object}, material {plain(out.material)}: {out.model}")
+    for name, value in _facts(out, out.known[0]):
+        say(f"  {name} = {_tuple(value)}")
+    for backend, failures in out.failures.items():
+        for words in failures:
+            say(f"{BACKENDS[backend]}: {words}", "red")
+    for light, kind in enumerate(out.kinds):
+        say()
+        say(f"light {light + 1}, {kind}", "bold")
+        for name in ("l", "h"):
+            say(f"  {name} = {_tuple(out.known[light][name, 'vec3'])}")
+        grid, sides = _grid(side for call in out.calls for side in call.values)
+        for call in (c for c in out.calls if c.light == light):
+            _add_call(grid, out, call, sides, mark)
+        if grid.row_count:
+            console.print(grid)
+    if out.rendered:
+        say()
+        say("as rendered: all lights", "bold")
+        grid, sides = _grid(out.rendered)
+        for term in TERMS:
+            cells = [[Text(number(float(v))) for v in out.rendered[side][CHANNELS[term]]] for side in sides]
+            _add_rows(grid, term, "rgb", list(zip(*cells)))
+        console.print(grid)
+    for function, text in out.printed.items():
+        say()
+        say(f"{function} prints (C++):", "bold")
+        say(text.rstrip("\n"))
+    say()
+    for note in out.notes:
+        say(note)
+    if out.judged and (first := out.first_wrong()):
+        languages = {name: [BACKENDS[b] for b in first if first[b] == name] for name in first.values()}
+        wrong = "; ".join(f"{name} ({' and '.join(which)})" for name, which in languages.items())
+        say(f"{mark} is off. The first that is wrong, in data-flow order: {wrong}.", "bold red")
+    elif out.judged and any(call.wrong for call in out.calls):
+        say("Every value here is within its limit.", "green")
+
+
+def _grid(given: Iterable[str]) -> tuple[Grid, list[str]]:
+    """An empty table with a column for each side that gave something."""
+    given = set(given)
+    sides = [side for side in SIDES if side in given]
+    grid = Grid(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    grid.add_column("", overflow="fold", min_width=12)
+    for side in sides:
+        grid.add_column(SIDES[side], justify="right", no_wrap=True)
+    return grid, sides
+
+
+def _add_call(grid: Grid, out: Probe, call: Call, sides: list[str], mark: str) -> None:
+    """The call in one row, its numbers below it; a single number beside it."""
+
+    def cell(side: str, k: int) -> Text:
+        values, off = call.values.get(side), side in call.wrong and call.wrong[side][k]
+        text = "none" if values is None else number(float(values[k]))
+        return Text(f"{text} {mark}" if off else f"{text}  ", "bold red" if off else "")
+
+    title, columns = Text(_call_text(out, call), "bold"), out.assignment.output_columns(call.function)
+    if len(columns) == 1:
+        grid.add_row(title, *(cell(side, 0) for side in sides))
+    else:
+        grid.add_row(title)
+        for k, column in enumerate(columns):
+            if column.index == 0:
+                cells = [[cell(side, k + i) for side in sides] for i in range(column.width)]
+                _add_rows(grid, "  " + column.path.removeprefix("result").removeprefix("."), "xyzw", cells)
+    grid.add_section()
+
+
+def _add_rows(grid: Grid, name: str, letters: str, rows: list[Iterable[Text]]) -> None:
+    """A row for each number of a vector; one for all where they look the same."""
+    name = f"{name}." if name.strip() else name
+    rows = [tuple(row) for row in rows]
+    if len(rows) > 1 and all(row == rows[0] for row in rows):
+        grid.add_row(Text(name + letters[: len(rows)]), *rows[0])
+        return
+    for letter, row in zip(letters, rows):
+        grid.add_row(Text(name + letter if len(rows) > 1 else name.removesuffix(".")), *row)
+
+
+def _call_text(out: Probe, call: Call) -> str:
+    """half_vector(l, v), beckmann(n, h, m = 0.3): the names of what stands above, the values of everything else."""
+    known, texts, at = out.known[call.light], [], 0
+    for value in call.function.values:
+        columns = out.assignment.columns([value])
+        numbers = call.row[at : at + len(columns)]
+        at += len(columns)
+        key = (value.name, value.domain.type)
+        if key in known and np.allclose(numbers, known[key], **SAME):
+            texts.append(value.name)
+        else:
+            texts += [f"{p} = {_tuple(v[0])}" for p, v in named_arrays(columns, numbers[None]).items()]
+    return f"{call.function.name}({', '.join(texts)})"
+
+
+def _facts(out: Probe, known: Known) -> list[tuple[str, np.ndarray]]:
+    """What does not depend on the lights: n, v, x and the material's members."""
+    facts = [(name, known[name, "vec3"]) for name in ("n", "v", "x")]
+    for (name, kind), numbers in known.items():
+        if kind in out.assignment.structs and kind != "Light":
+            facts += [(f"{name}.{m}", v[0]) for m, v in _named(out.assignment, kind, numbers).items()]
+    return facts
+
+
+def _tuple(value: np.ndarray) -> str:
+    numbers = [number(float(v)) for v in np.atleast_1d(value)]
+    return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+
+
+def as_json(out: Probe) -> str:
+    def plain_numbers(value: Any) -> Any:
+        """JSON has no NaN and no infinity: they travel as words."""
+        if np.ndim(value):
+            return [plain_numbers(v) for v in value]
+        return float(value) if np.isfinite(value) else str(float(value))
+
+    def named(columns: list, row: np.ndarray | None) -> dict[str, Any] | None:
+        return (
+            None if row is None else {name: plain_numbers(v[0]) for name, v in named_arrays(columns, row[None]).items()}
+        )
+
+    def call_data(call: Call) -> dict[str, Any]:
+        columns = out.assignment.output_columns(call.function)
+        return {
+            "function": call.function.name,
+            "arguments": named(out.assignment.input_columns(call.function), call.row),
+            **{side: named(columns, values) for side, values in call.values.items()},
+            "wrong": [backend for backend, off in call.wrong.items() if off.any()],
+        }
+
+    lights = [
+        {
+            "kind": kind,
+            **{name: plain_numbers(out.known[k][name, "vec3"]) for name in ("l", "h")},
+            "calls": [call_data(call) for call in out.calls if call.light == k],
+        }
+        for k, kind in enumerate(out.kinds)
+    ]
+    data = {
+        "assignment": out.assignment.name, "scene": shown(out.scene), "pixel": list(out.pixel), "object": out.object,
+        "material": out.material, "model": out.model,
+        **{name: plain_numbers(value) for name, value in _facts(out, out.known[0])},
+        "lights": lights,
+        "rendered": {s: {t: plain_numbers(v[CHANNELS[t]]) for t in TERMS} for s, v in out.rendered.items()},
+        "first_wrong": out.first_wrong() if out.judged else None,
+        "failures": out.failures, "printed": out.printed, "notes": out.notes,
+    }  # fmt: skip
+    return json.dumps(data, indent=1) + "\n"

@@ -1,0 +1,1 @@
+"""Numbers against numbers: verdicts and diagnosis. Nothing here runs anything."""

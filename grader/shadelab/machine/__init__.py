@@ -1,0 +1,1 @@
+"""What runs: the renderer, the sandbox, the compiler."""

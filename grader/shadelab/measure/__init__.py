@@ -1,0 +1,1 @@
+"""Time and error: standing programs, the benchmark, visibility."""

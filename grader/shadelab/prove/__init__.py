@@ -1,0 +1,1 @@
+"""Grades the grader: declared mistakes, correct variants, mutants."""

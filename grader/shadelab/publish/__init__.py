@@ -1,0 +1,1 @@
+"""What is handed out: starters, releases, packages, new assignments."""

@@ -1,0 +1,68 @@
+"""starter/NAME, made from solution/NAME: what stands between the STUDENT marks is replaced by a stub that compiles and draws."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+from shadelab.course.assignment import Assignment
+from shadelab.course.mistakes import regions
+from shadelab.errors import UserError
+from shadelab.paths import STARTER, shown
+from shadelab.publish.rubric import MARK, rubric
+
+
+def starter_files(assignment: Assignment) -> dict[str, bytes]:
+    out: dict[str, bytes] = {}
+    for name in assignment.files:
+        source = assignment.directory / name
+        text = source.read_text()
+        marked = sorted(regions(text, source).values(), key=lambda m: -m.start())
+        if not marked:
+            raise UserError(
+                f"{shown(source)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write"
+            )
+        for match in marked:
+            indent = match["indent"]
+            stub = f"{indent}// TODO: {match['task']}\n{indent}{match['stub']}\n"
+            text = text[: match.start()] + stub + text[match.end() :]
+        out[name] = text.encode()
+    out["assignment.toml"] = (assignment.directory / "assignment.toml").read_bytes()
+    handout = assignment.directory / "handout.md"
+    out["handout.md"] = handout.read_text().replace(MARK, rubric(assignment)).encode()
+    for picture in re.findall(r"\]\(((?!https?:)[^)#]+\.(?:png|svg))\)", handout.read_text()):
+        file = assignment.directory / picture
+        if not file.is_file():
+            raise UserError(
+                f"{shown(handout)}: the picture {picture} is not there; docs/make_pictures.py makes those of scenes"
+            )
+        out[picture] = file.read_bytes()
+    return out
+
+
+def write_starter(assignment: Assignment, force: bool) -> Path:
+    """Raises UserError when the folder holds what no commit holds, so that nobody's work is lost; `force` overrides."""
+    folder = STARTER / assignment.name
+    git = ["git", "-C", str(STARTER.parent), "status", "--porcelain", "--", str(folder)]
+    changed = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    if changed and not force:
+        raise UserError(f"{shown(folder)}: holds changes that are not committed; commit or move them, or give --force")
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, data in starter_files(assignment).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def differences(assignment: Assignment) -> list[str]:
+    """What in starter/NAME is not what the solution generates: one line per file."""
+    folder, wanted = STARTER / assignment.name, starter_files(assignment)
+    present = {str(f.relative_to(folder)) for f in folder.rglob("*") if f.is_file()} if folder.is_dir() else set()
+    out = [f"{shown(folder / name)}: is missing" for name in wanted if name not in present]
+    out += [f"{shown(folder / name)}: the solution does not generate it" for name in sorted(present - set(wanted))]
+    out += [
+        f"{shown(folder / name)}: differs from what {shown(assignment.directory / name)} generates"
+        for name, data in wanted.items()
+        if name in present and (folder / name).read_bytes() != data
+    ]
+    return out

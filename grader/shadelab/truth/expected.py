@@ -1,0 +1,263 @@
+"""Expected data: all that grading knows of a solution. reference.py makes it; a release carries its public part.
+
+In its folder stand
+    facts.json          what holds for the whole assignment: which functions call which, the measured spread of correct programs
+    extremes.npz        per function: the members of its StableTable, for stability
+    functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64)
+    mistakes.npz        ID/BACKEND/FUNCTION: what the declared mistakes give for the same inputs
+    SCENE.npz           the film's layers (float32), the mask of pixels that are judged, and the noise of each pixel
+    SCENE.json          what holds for the whole scene: eye, lights, scale, spread, the solution's run times
+    SCENE.packet        the frame packet for the OpenGL client
+    done                the digest of all that it depends on; written last: a set without it is made again
+"""
+
+import hashlib
+import json
+import os
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment, Function, Scene
+from shadelab.course.toml_files import read_toml
+from shadelab.errors import InfrastructureError
+from shadelab.machine.build import glue_folder
+from shadelab.paths import RENDER, STATE, shown
+from shadelab.truth.extremes import StableTable
+
+# The film's channels with all layers, in the order of film.hpp.
+CHANNELS = {
+    "total": slice(0, 3), "ambient": slice(3, 6), "diffuse": slice(6, 9), "specular": slice(9, 12),
+    "coverage": slice(12, 13), "id": slice(13, 14), "depth": slice(14, 15), "normal": slice(15, 18), "position": slice(18, 21),
+}  # fmt: skip
+
+TERM_CHANNELS = 13  # those up to coverage: what a submission's image holds
+
+# Values of a mask.
+BACKGROUND, INTERIOR, EDGE = 0, 1, 2
+
+
+# ------------------------------------------------------------------------------------------------------- functions
+
+
+@dataclass
+class Table:
+    """What a function is judged by."""
+
+    rows: np.ndarray  # (N, columns) float32: `drawn` ones from the domains, then those recorded from scenes
+    truth: np.ndarray  # (N, results) float64
+    conditioning: np.ndarray  # as truth: how far rounding of the inputs alone moves it
+    drawn: int
+
+
+@dataclass
+class Facts:
+    calls: dict[str, list[str]]  # function -> those of the assignment that it calls, directly or through others
+    loops: list[str]  # the shading loops that the scenes need
+    # function -> backend -> program -> its largest scaled error: what correct programs differ by
+    spread: dict[str, dict[str, dict[str, float]]]
+    mistakes: list[dict[str, str]]  # id, function and hint of each
+    gl: str  # the driver that the spread was measured with
+    cases: dict[str, list[str]]  # function -> the names of its cases for stability
+    driver: dict[str, float]  # how far its own functions are off: exp, log, pow5, sin, inversesqrt
+
+
+@dataclass
+class Expected:
+    folder: Path
+
+    @cached_property
+    def digest(self) -> str:
+        return (self.folder / "done").read_text().strip()
+
+    @cached_property
+    def facts(self) -> Facts:
+        return Facts(**json.loads((self.folder / "facts.json").read_text()))
+
+    @cached_property
+    def functions(self) -> dict[str, np.ndarray]:
+        return dict(np.load(self.folder / "functions.npz", allow_pickle=False))
+
+    @cached_property
+    def mistakes(self) -> Mapping[str, np.ndarray]:
+        return np.load(self.folder / "mistakes.npz", allow_pickle=False)  # reads a member when it is asked for
+
+    def table(self, function: Function) -> Table:
+        parts = {part: self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "conditioning")}
+        return Table(**parts, drawn=int(self.functions["drawn"]))
+
+    @cached_property
+    def extremes(self) -> Mapping[str, np.ndarray]:
+        return np.load(self.folder / "extremes.npz", allow_pickle=False)
+
+    def stable_table(self, function: Function) -> StableTable:
+        parts = [part for part in StableTable.__dataclass_fields__ if part != "cases"]
+        arrays = {part: self.extremes[f"{function.name}.{part}"] for part in parts}
+        return StableTable(**arrays, cases=self.facts.cases[function.name])
+
+    def driver(self, backend: str) -> float:
+        """What the driver's own functions may be off; the compiler's library is exact beside that."""
+        return max(self.facts.driver.values()) if backend == "glsl" else 0.0
+
+    def floor(self, function: Function, backend: str) -> float:
+        """The largest scaled error of a correct program (findings.py says what is done with it)."""
+        return max(self.facts.spread[function.name][backend].values())
+
+    def scene(self, scene: Scene) -> "SceneTruth":
+        return SceneTruth.load(self.folder / f"{scene.name}.npz")
+
+    def packet(self, scene: Scene, assignment: Assignment) -> Path:
+        """A release carries none: they repeat the meshes, of which one is not ours to hand on. There they are made when they are
+        wanted, and kept by what they are made from."""
+        file = self.folder / f"{scene.name}.packet"
+        if file.exists():
+            return file
+        made_from = hashlib.sha256(b"".join(f.read_bytes() for f in [scene.file, *scene_meshes(scene)])).hexdigest()[
+            :16
+        ]
+        file = STATE / "packets" / f"{glue_folder(assignment.directory).name}-{scene.name}-{made_from}.packet"
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            temporary = file.with_suffix(f".{os.getpid()}")
+            command = ["packet", scene.file, "--assignment", assignment.directory, "--terms", "-o", temporary]
+            outcome = subprocess.run([RENDER, *command], capture_output=True, text=True)
+            if outcome.returncode:
+                raise InfrastructureError(f"{shown(scene.file)}: {outcome.stderr.strip()}")
+            os.replace(temporary, file)
+        return file
+
+
+def with_callers(names: set[str], calls: dict[str, list[str]]) -> set[str]:
+    """These functions and those that call them, directly or through others."""
+    while True:
+        grown = names | {f for f, callees in calls.items() if names & set(callees)}
+        if grown == names:
+            return names
+        names = grown
+
+
+def with_callees(names: set[str], calls: dict[str, list[str]]) -> set[str]:
+    """These functions and those that they call, directly or through others."""
+    while True:
+        grown = names.union(*(calls.get(f, []) for f in names))
+        if grown == names:
+            return names
+        names = grown
+
+
+# ---------------------------------------------------------------------------------------------------------- scenes
+
+
+@dataclass
+class SceneFacts:
+    eye: list[float]
+    scale: float  # the 95th percentile of |total| over the foreground
+    lights: list[dict[str, Any]] = field(default_factory=list)  # members of Light, by name
+    # What correct programs differ by, relative to |total| + 1 % of the scale, at all but 1 pixel in 1000; program -> error
+    spread: dict[str, float] = field(default_factory=dict)
+    share: float = 0.0  # of the interior that a correct program has beyond the limits that the others set
+    runs: list[dict[str, Any]] = field(default_factory=list)  # the solution's points of error against run time
+
+
+@dataclass
+class SceneTruth:
+    layers: Mapping[str, np.ndarray]  # by the names of CHANNELS, (H, W, n) float32
+    mask: np.ndarray  # (H, W) uint8
+    facts: SceneFacts
+    noise: np.ndarray  # (H, W): how far a shift of 1/16 pixel moves the total here
+
+    @classmethod
+    def of(cls, image: np.ndarray, eye: np.ndarray, pixel_angle: float) -> "SceneTruth":
+        """From an image with all CHANNELS; the noise is not measured yet."""
+        layers = {name: np.ascontiguousarray(image[..., channels]) for name, channels in CHANNELS.items()}
+        foreground = layers["id"][..., 0] > 0
+        scale = float(np.percentile(np.abs(layers["total"][foreground]), 95)) if foreground.any() else 1.0
+        facts = SceneFacts(eye=np.asarray(eye, float).tolist(), scale=scale)
+        return cls(layers, scene_mask(image, eye, pixel_angle), facts, np.zeros(image.shape[:2], np.float32))
+
+    @classmethod
+    def load(cls, file: Path) -> "SceneTruth":
+        data = np.load(file, allow_pickle=False)  # reads a member when it is asked for
+        facts = SceneFacts(**json.loads(file.with_suffix(".json").read_text()))
+        return cls(data, data["mask"], facts, data["noise"])
+
+    def save(self, file: Path) -> None:
+        np.savez(file, mask=self.mask, noise=self.noise, **self.layers)
+        file.with_suffix(".json").write_text(json.dumps(asdict(self.facts)))
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        return self.layers["total"]
+
+    @property
+    def eye(self) -> np.ndarray:
+        return np.array(self.facts.eye)
+
+    @property
+    def scale(self) -> float:
+        return self.facts.scale
+
+    @property
+    def lights(self) -> list[dict[str, Any]]:
+        return self.facts.lights
+
+
+def scene_meshes(scene: Scene) -> list[Path]:
+    """The mesh files that the scene names."""
+    objects = read_toml(scene.file).get("object", [])
+    meshes = [
+        (scene.file.parent / o["mesh"]).resolve()
+        for o in objects
+        if isinstance(o, dict) and isinstance(o.get("mesh"), str)
+    ]
+    return list(dict.fromkeys(meshes))
+
+
+def missing_meshes(scene: Scene) -> list[Path]:
+    """Those that this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
+    return [mesh for mesh in scene_meshes(scene) if not mesh.exists()]
+
+
+def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.ndarray:
+    """Which pixels are judged strictly. An edge is a change of object, a jump of depth or a jump of the normal between
+    neighbours, dilated by one pixel; never a change of triangle, which would leave no interior on dense meshes.
+
+    pixel_angle: the angle that a pixel spans, radians.
+    """
+    ids, normal = layers[..., CHANNELS["id"]][..., 0], layers[..., CHANNELS["normal"]]
+    position = layers[..., CHANNELS["position"]].astype(np.float64)
+    footprint = np.linalg.norm(position - eye, axis=2) * pixel_angle
+    edge = np.zeros(ids.shape, bool)
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = (slice(0, ids.shape[0] - dy), slice(max(0, -dx), ids.shape[1] - max(0, dx)))
+        b = (slice(dy, None), slice(max(0, dx), ids.shape[1] + min(0, dx)))
+        # A neighbour farther from the tangent plane than three pixels' footprints lies on another part of the surface.
+        off_plane = np.abs(np.sum((position[b] - position[a]) * normal[a], axis=2))
+        jump = (ids[a] != ids[b]) | (off_plane > 3 * np.maximum(footprint[a], footprint[b]))
+        jump |= (ids[a] > 0) & (np.sum(normal[a] * normal[b], axis=2) < 0.95)
+        edge[a] |= jump
+        edge[b] |= jump
+    wide = largest_nearby(edge)
+    return np.where(wide, EDGE, np.where(ids > 0, INTERIOR, BACKGROUND)).astype(np.uint8)
+
+
+def largest_nearby(values: np.ndarray) -> np.ndarray:
+    """(H, W): the largest of each pixel and its eight neighbours."""
+    out = values.copy()
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            rows, columns = slice(max(0, dy), len(out) + min(0, dy)), slice(max(0, dx), out.shape[1] + min(0, dx))
+            source = (slice(max(0, -dy), len(out) + min(0, -dy)), slice(max(0, -dx), out.shape[1] + min(0, -dx)))
+            out[rows, columns] = np.maximum(out[rows, columns], values[source])
+    return out
+
+
+def public_files(expected: Expected, assignment: Assignment) -> list[Path]:
+    """What a release may carry: nothing of hidden scenes."""
+    hidden = {scene.name for scene in assignment.scenes if scene.hidden}
+    return sorted(f for f in expected.folder.iterdir() if f.is_file() and f.stem not in hidden)
