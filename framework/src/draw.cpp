@@ -3,9 +3,12 @@
 #include "rasterize.hpp"
 #include "stages.hpp"
 
+#include <shadelab/error.hpp>
+
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <memory>
@@ -14,11 +17,34 @@ namespace shadelab {
 
 namespace {
 
+constexpr size_t most_columns = 64;  // that a model takes
+
 double now_ms() {
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 // ---------------------------------------------------------------------------------------------- objects
+
+/// Where the array stands that a model names: "n.x", or "m.kd.x", of which `constants` gets one with the material's value. (No texture
+/// gives another one yet.)
+template <class Real>
+BatchColumn find_column(const Frame<Real>& frame, const Material& material, const std::string& name,
+                        std::vector<Real>& constants) {
+    for (size_t k = 0; k < material.columns.size(); ++k)
+        if (name == material.columns[k]) {
+            constants.insert(constants.end(), FragmentBatch<Real>::capacity, Real(material.parameters[k]));
+            return {BatchColumn::material, int(constants.size()) / FragmentBatch<Real>::capacity - 1};
+        }
+    const size_t dot = name.find('.');
+    const int component = dot == std::string::npos ? 0 : int(std::string("xyzw").find(name[dot + 1]));
+    for (const FragmentAttribute& attribute : frame.features.attributes)
+        if (attribute.name == name.substr(0, dot))
+            return {attribute.source == "normal"     ? BatchColumn::normal
+                    : attribute.source == "position" ? BatchColumn::position
+                                                     : BatchColumn::eye,
+                    component};
+    throw InfrastructureError("the plugin's model takes " + name + ", which no fragment holds; build it again");
+}
 
 template <class Real>
 DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object, const Mesh& mesh,
@@ -65,12 +91,16 @@ DrawnObject<Real> prepare_object(const Frame<Real>& frame, const Object& object,
         const vec3 x(light[1], light[2], light[3]);
         const bool outside = std::isfinite(mesh.low.x + mesh.high.x) &&  // a mesh made by hand may have no box
                              (glm::any(glm::lessThan(x, low)) || glm::any(glm::greaterThan(x, high)));
-        if (LightKind(int(light[0])) != LightKind::directional && !outside) drawn.lights_within.push_back(x);
+        if (facts.placed[size_t(&light - frame.lights.data())] && !outside) drawn.lights_within.push_back(x);
     }
     const Material& material = frame.scene.materials[object.material];
     for (int k = 0; k < frame.plugin->model_count; ++k)
         if (material.model == frame.plugin->models[k].name) drawn.model = &frame.plugin->models[k];
     drawn.material.assign(material.parameters.begin(), material.parameters.end());
+    if (drawn.model && size_t(drawn.model->column_count) > most_columns)
+        throw InfrastructureError(material.model + ": takes more columns than this program has room for");
+    for (int k = 0; drawn.model && k < drawn.model->column_count; ++k)
+        drawn.columns.push_back(find_column(frame, material, drawn.model->columns[k], drawn.constants));
     return drawn;
 }
 
@@ -103,15 +133,24 @@ void for_each_batch(const Frame<Real>& frame, const TileView& view, Fragments& f
 template <class Real>
 int64_t shade(const Frame<Real>& frame, const DrawnObject<Real>& object, FragmentBatch<Real>& batch) {
     for (int k = 0; k < frame.layers_out; ++k) std::fill(batch.out[k], batch.out[k] + batch.count, Real(0));
-    plugin::Batch<Real> arguments{batch.count, {}, {}};
-    for (int k = 0; k < 9; ++k) arguments.in[k] = batch.in[k];
-    for (int k = 0; k < 12; ++k) arguments.out[k] = batch.out[k];
+    std::array<const Real*, most_columns> in;
+    std::array<Real*, 12> out;
+    for (size_t k = 0; k < object.columns.size(); ++k) {
+        const auto [source, component] = object.columns[k];
+        in[k] = source == BatchColumn::normal     ? batch.normal[component]
+                : source == BatchColumn::position ? batch.position[component]
+                : source == BatchColumn::eye      ? batch.eye[component]
+                                                  : &object.constants[size_t(component * FragmentBatch<Real>::capacity)];
+    }
+    for (size_t k = 0; k < out.size(); ++k) out[k] = batch.out[k];
+    const plugin::Batch<Real> arguments{batch.count, in.data(), out.data()};
     for (const std::vector<Real>& light : frame.lights)
         object.model->shade[int(light[0])](arguments, object.material.data(), light.data());
     int64_t at_surface = 0;
     for (const glm::vec<3, Real>& light : object.lights_within)
         for (int i = 0; i < batch.count; ++i)
-            at_surface += (batch.in[3][i] == light.x) & (batch.in[4][i] == light.y) & (batch.in[5][i] == light.z);
+            at_surface += (batch.position[0][i] == light.x) & (batch.position[1][i] == light.y) &
+                          (batch.position[2][i] == light.z);
     return at_surface;
 }
 
@@ -131,9 +170,9 @@ void shade_vertices(const Frame<Real>& frame, DrawnObject<Real>& object, int64_t
                 const Corner<Real> vertex = corner(object, uint32_t(start + i));
                 const glm::vec<3, Real> n = vertex.normal(), x = vertex.position(), v = glm::normalize(frame.eye - x);
                 for (int k = 0; k < 3; ++k) {
-                    batch->in[k][i] = n[k];
-                    batch->in[3 + k][i] = x[k];
-                    batch->in[6 + k][i] = v[k];
+                    batch->normal[k][i] = n[k];
+                    batch->position[k][i] = x[k];
+                    batch->eye[k][i] = v[k];
                 }
             }
             at_surface += shade(frame, object, *batch);
@@ -186,9 +225,10 @@ void note_not_finite(const Frame<Real>& frame, const DrawnObject<Real>& object, 
         if (statistics.first_not_finite &&
             std::pair(y, x) >= std::pair(statistics.first_not_finite->y, statistics.first_not_finite->x))
             continue;
-        const auto in = [&](int k) { return glm::dvec3(batch.in[k][i], batch.in[k + 1][i], batch.in[k + 2][i]); };
+        const auto at = [&](const auto& in) { return glm::dvec3(in[0][i], in[1][i], in[2][i]); };
         const Material& material = frame.scene.materials[object.object->material];
-        statistics.first_not_finite = {x, y, material.name, material.model, in(0), in(3), in(6), glm::dvec3(value)};
+        statistics.first_not_finite = {x, y, material.name, material.model, at(batch.normal),
+                                       at(batch.position), at(batch.eye), glm::dvec3(value)};
     }
 }
 
@@ -241,8 +281,8 @@ void write_geometry(const Frame<Real>& frame, const DrawnObject<Real>& object, c
         id.data[pixel] = float(object.object - frame.scene.objects.data() + 1);
         depth.data[pixel] = depth_of(object, view, fragments[i], origin, glm::ivec2(0));
         for (int c = 0; c < 3; ++c) {
-            normal.pixel(pixel)[c] = float(batch.in[c][i]);
-            position.pixel(pixel)[c] = float(batch.in[3 + c][i]);
+            normal.pixel(pixel)[c] = float(batch.normal[c][i]);
+            position.pixel(pixel)[c] = float(batch.position[c][i]);
         }
     }
 }
@@ -295,6 +335,103 @@ void merge(DrawStatistics& into, const DrawStatistics& from) {
     if (a && (!b || std::pair(a->y, a->x) < std::pair(b->y, b->x))) into.first_not_finite = a;
 }
 
+// ---------------------------------------------------------------------------------------------- a tile
+
+/// What a thread keeps from tile to tile.
+template <class Real>
+struct Worker {
+    explicit Worker(const Frame<Real>& frame) : interpolator(frame) {}
+    DrawStatistics statistics;
+    TileView view;
+    Fragments fragments;
+    std::unique_ptr<FragmentBatch<Real>> batch = std::make_unique<FragmentBatch<Real>>();
+    Interpolator<Real> interpolator;
+};
+
+/// A tile of the frame that something may be seen in.
+template <class Real>
+struct Tile {
+    const Frame<Real>& frame;
+    const Buffers& buffers;
+    const TileGrid& grid;
+    int number;
+    glm::ivec2 origin;
+    const std::vector<glm::ivec2>& samples;
+};
+
+template <class Real>
+void draw_visibility(const Tile<Real>& tile, Worker<Real>& worker) {
+    see<true>(tile.frame, tile.buffers, tile.grid, tile.number, tile.samples, worker.view);
+    write_visibility(worker.view, tile.origin, int(tile.samples.size()), tile.frame.film);
+}
+
+void draw_depth(const Tile<float>& tile, Worker<float>& worker) {
+    see<false>(tile.frame, tile.buffers, tile.grid, tile.number, tile.samples, worker.view);
+    write_depth(worker.view, tile.origin, tile.frame.film);
+}
+
+void draw_depth(const Tile<double>& tile, Worker<double>& worker) {
+    see<true>(tile.frame, tile.buffers, tile.grid, tile.number, tile.samples, worker.view);
+    write_exact_depth(tile.frame, worker.view, worker.fragments, tile.origin, tile.samples[0], tile.grid);
+}
+
+/// Geometry layers show the surface at the pixel's centre, whatever the samples are.
+template <class Real>
+void draw_geometry(const Tile<Real>& tile, Worker<Real>& worker) {
+    see<true>(tile.frame, tile.buffers, tile.grid, tile.number, sample_positions(1), worker.view);
+    collect_fragments(worker.view, 1, tile.origin, tile.grid, worker.fragments);
+    worker.interpolator.begin_tile(worker.view, tile.origin);
+    for_each_batch(tile.frame, worker.view, worker.fragments,
+                   [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
+                       worker.interpolator.interpolate(object, run, count, *worker.batch);
+                       write_geometry(tile.frame, object, worker.view, tile.origin, run, *worker.batch);
+                   });
+}
+
+template <class Real>
+void draw_shaded(const Tile<Real>& tile, Worker<Real>& worker) {
+    const Frame<Real>& frame = tile.frame;
+    const int samples = int(tile.samples.size());
+    see<true>(frame, tile.buffers, tile.grid, tile.number, tile.samples, worker.view);
+    collect_fragments(worker.view, samples, tile.origin, tile.grid, worker.fragments);
+    if (!worker.fragments.full) clear(frame.film, tile.origin, glm::vec3(frame.scene.film.background));
+    worker.interpolator.begin_tile(worker.view, tile.origin);
+    DrawStatistics& statistics = worker.statistics;
+    FragmentBatch<Real>& batch = *worker.batch;
+    for_each_batch(frame, worker.view, worker.fragments,
+                   [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
+                       statistics.fallback_normals += worker.interpolator.interpolate(object, run, count, batch);
+                       if (object.colour.empty()) statistics.lights_at_surface += shade(frame, object, batch);
+                       if (!all_finite(count, batch.out[0], batch.out[1], batch.out[2])) {
+                           worker.interpolator.surface(object, run, batch, true);
+                           note_not_finite(frame, object, batch, statistics);
+                       }
+                       write_colours(frame, batch);
+                       if (frame.features.geometry_layers && samples == 1)
+                           write_geometry(frame, object, worker.view, tile.origin, run, batch);
+                       statistics.fragments += count;
+                   });
+    if (frame.features.geometry_layers && samples > 1) draw_geometry(tile, worker);
+}
+
+template <class Real>
+void draw_tile(const Tile<Real>& tile, Worker<Real>& worker) {
+    const size_t tiles = size_t(tile.grid.across * tile.grid.down), number = size_t(tile.number);
+    const bool anything = std::any_of(
+        tile.buffers.stretches.begin(), tile.buffers.stretches.end(),
+        [&](const Stretch& s) { return !s.bins[number].empty() || !s.bins[tiles + number].empty(); });
+    if (!anything)
+        clear(tile.frame.film, tile.origin, glm::vec3(tile.frame.scene.film.background));
+    else if (tile.frame.features.visibility)
+        draw_visibility(tile, worker);
+    else if (!tile.frame.plugin)
+        draw_depth(tile, worker);
+    else
+        draw_shaded(tile, worker);
+}
+
+// ---------------------------------------------------------------------------------------------- the frame
+
 template <class Real>
 DrawStatistics draw_here(const Scene& scene, const Features& features, const FrameFacts& facts,
                          const std::vector<Mesh>& meshes, const plugin::Table<Real>* plugin, Film& film,
@@ -321,75 +458,18 @@ DrawStatistics draw_here(const Scene& scene, const Features& features, const Fra
     if (!workspace.buffers) workspace.buffers = std::make_shared<Buffers>();
     Buffers& buffers = *static_cast<Buffers*>(workspace.buffers.get());
     const TileGrid grid(film.width, film.height);
-    const std::vector<glm::ivec2>&samples = sample_positions(scene.film.samples), &centre = sample_positions(1);
+    const std::vector<glm::ivec2>& samples = sample_positions(scene.film.samples);
     bin_scene(frame.objects, grid, samples.size() > 1 ? 128 : 0, buffers, statistics);
     const double bins_done = now_ms();
 
 #pragma omp parallel
     {
-        DrawStatistics mine;
-        TileView view;
-        Fragments fragments;
-        auto batch = std::make_unique<FragmentBatch<Real>>();
-        Interpolator<Real> interpolator(frame);
-        const glm::vec3 background(scene.film.background);
+        Worker<Real> worker(frame);
 #pragma omp for schedule(dynamic)
-        for (int tile = 0; tile < grid.across * grid.down; ++tile) {
-            const glm::ivec2 origin = grid.origin(tile);
-            const size_t tiles = size_t(grid.across * grid.down);
-            const bool anything =
-                std::any_of(buffers.stretches.begin(), buffers.stretches.end(), [&](const Stretch& s) {
-                    return !s.bins[size_t(tile)].empty() || !s.bins[tiles + size_t(tile)].empty();
-                });
-            if (!anything) {
-                clear(film, origin, background);
-                continue;
-            }
-            if (features.visibility) {
-                see<true>(frame, buffers, grid, tile, samples, view);
-                write_visibility(view, origin, int(samples.size()), film);
-                continue;
-            }
-            if (!plugin) {
-                if constexpr (std::is_same_v<Real, double>) {
-                    see<true>(frame, buffers, grid, tile, samples, view);
-                    write_exact_depth(frame, view, fragments, origin, samples[0], grid);
-                } else {
-                    see<false>(frame, buffers, grid, tile, samples, view);
-                    write_depth(view, origin, film);
-                }
-                continue;
-            }
-            see<true>(frame, buffers, grid, tile, samples, view);
-            collect_fragments(view, int(samples.size()), origin, grid, fragments);
-            if (!fragments.full) clear(film, origin, background);
-            interpolator.begin_tile(view, origin);
-            for_each_batch(frame, view, fragments,
-                           [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
-                               mine.fallback_normals += interpolator.interpolate(object, run, count, *batch);
-                               if (object.colour.empty()) mine.lights_at_surface += shade(frame, object, *batch);
-                               if (!all_finite(count, batch->out[0], batch->out[1], batch->out[2])) {
-                                   interpolator.surface(object, run, *batch, true);
-                                   note_not_finite(frame, object, *batch, mine);
-                               }
-                               write_colours(frame, *batch);
-                               if (features.geometry_layers && samples.size() == 1)
-                                   write_geometry(frame, object, view, origin, run, *batch);
-                               mine.fragments += count;
-                           });
-            if (!features.geometry_layers || samples.size() == 1) continue;
-            see<true>(frame, buffers, grid, tile, centre,
-                      view);  // geometry layers show the surface at the pixel's centre
-            collect_fragments(view, 1, origin, grid, fragments);
-            interpolator.begin_tile(view, origin);
-            for_each_batch(frame, view, fragments,
-                           [&](const DrawnObject<Real>& object, const Fragment* run, int count) {
-                               interpolator.interpolate(object, run, count, *batch);
-                               write_geometry(frame, object, view, origin, run, *batch);
-                           });
-        }
+        for (int number = 0; number < grid.across * grid.down; ++number)
+            draw_tile(Tile<Real>{frame, buffers, grid, number, grid.origin(number), samples}, worker);
 #pragma omp critical
-        merge(statistics, mine);
+        merge(statistics, worker.statistics);
     }
     statistics.vertex_ms = objects_done - start;
     statistics.bin_ms = bins_done - objects_done;

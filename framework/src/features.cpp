@@ -6,7 +6,21 @@ namespace shadelab {
 
 namespace {
 
-const char* kind_names[] = {"point", "directional", "spot"};
+/// What the models of the materials that are drawn take, as declared; everything where nobody knows.
+std::vector<FragmentAttribute> attributes_of(const Scene& scene, const Features& features, const Manifest* manifest) {
+    if (!manifest) return {{"n", "normal", {}}, {"x", "position", {}}, {"v", "eye", {}}};
+    std::vector<FragmentAttribute> out;
+    for (const FragmentAttribute& attribute : manifest->interface.fragment) {
+        const auto takes = [&](int m) {
+            const Function* model = manifest->find_model(scene.materials[size_t(m)].model);
+            const std::vector<FragmentAttribute> taken = manifest->attributes(*model);
+            return std::any_of(taken.begin(), taken.end(),
+                               [&](const FragmentAttribute& a) { return a.name == attribute.name; });
+        };
+        if (std::any_of(features.materials.begin(), features.materials.end(), takes)) out.push_back(attribute);
+    }
+    return out;
+}
 
 std::string count(long n, const std::string& what) { return std::to_string(n) + " " + what + (n == 1 ? "" : "s"); }
 
@@ -37,14 +51,13 @@ Features Features::of(const Scene& scene, const Request& request, const Manifest
 
     for (size_t i = 0, entry = 0; i < scene.lights.size(); ++entry) {
         const Light& light = scene.lights[i];
-        const auto end = light.grid < 0 ? scene.lights.begin() + long(i) + 1
-                                        : std::find_if(
-                                              scene.lights.begin() + long(i), scene.lights.end(),
-                                              [&](const Light& other) { return other.grid != light.grid; });
+        const auto end = !light.grid ? scene.lights.begin() + long(i) + 1
+                                     : std::find_if(scene.lights.begin() + long(i), scene.lights.end(),
+                                                    [&](const Light& other) { return other.entry != light.entry; });
         const size_t many = size_t(end - scene.lights.begin()) - i;
         const std::string name = "light[" + std::to_string(entry) + "]";
-        const std::string times = light.grid < 0 ? "" : ", a grid of " + std::to_string(many);
-        const bool kept = decide(name, name + " (" + kind_names[int(light.kind)] + times + ")",
+        const std::string times = !light.grid ? "" : ", a grid of " + std::to_string(many);
+        const bool kept = decide(name, name + " (" + scene.light_kinds[size_t(light.kind)] + times + ")",
                                  light.intensity != glm::dvec3(0), "it shines", "its intensity is zero");
         for (const size_t next = i + many; i < next; ++i)
             if (kept) features.lights.push_back(int(i));
@@ -62,7 +75,7 @@ Features Features::of(const Scene& scene, const Request& request, const Manifest
         return std::any_of(features.materials.begin(), features.materials.end(),
                            [&](int m) { return scene.materials[size_t(m)].model == model; });
     };
-    std::array<long, 3> lights{};
+    std::vector<long> lights(scene.light_kinds.size());  // of each kind
     for (int i : features.lights) ++lights[size_t(scene.lights[size_t(i)].kind)];
     std::vector<std::string> models;
     if (manifest)
@@ -70,12 +83,13 @@ Features Features::of(const Scene& scene, const Request& request, const Manifest
     const bool every_loop = request.full || request.keep == "loops";
     size_t left = 0;
     for (const std::string& model : models)
-        for (int kind = 0; kind < 3; ++kind) {
-            const bool needed = drawn_with(model) && lights[size_t(kind)] > 0;
-            if (needed || every_loop) features.loops.push_back(model + "_" + kind_names[kind]);
+        for (size_t kind = 0; kind < lights.size(); ++kind) {
+            const std::string& name = scene.light_kinds[kind];
+            const bool needed = drawn_with(model) && lights[kind] > 0;
+            if (needed || every_loop) features.loops.push_back(model + "_" + name);
             if (needed)
-                features.decisions.push_back({"", "code: " + model + " under " + kind_names[kind] + " lights",
-                                              count(lights[size_t(kind)], "light"), true});
+                features.decisions.push_back(
+                    {"", "code: " + model + " under " + name + " lights", count(lights[kind], "light"), true});
             else
                 ++left;
         }
@@ -104,11 +118,10 @@ Features Features::of(const Scene& scene, const Request& request, const Manifest
     features.surface =
         decide("surface", "normal and position of fragments", features.per_fragment || features.geometry_layers,
                features.per_fragment ? "they are shaded" : "layers show them", "colours are interpolated instead");
-    const bool takes_view = !manifest || std::any_of(features.materials.begin(), features.materials.end(), [&](int m) {
-        const Function* model = manifest->find_model(scene.materials[size_t(m)].model);
-        return !model || std::any_of(model->arguments.begin(), model->arguments.end(),
-                                     [](const Value& argument) { return argument.name == "v"; });
-    });
+    features.attributes = attributes_of(scene, features, manifest);
+    // Normals and positions are always computed: the fallback and what is told of values that are not finite rest on them.
+    const bool takes_view = std::any_of(features.attributes.begin(), features.attributes.end(),
+                                        [](const FragmentAttribute& attribute) { return attribute.source == "eye"; });
     features.view =
         decide("view", "the vector to the eye", takes_view, "a model takes it", "no model of this scene takes it");
     // Textures need no decision yet: no function can be declared that takes one, and meshes are read without coordinates.

@@ -179,9 +179,9 @@ int64_t Interpolator<Real>::interpolate(const DrawnObject<Real>& object, const F
 template <class Real>
 int64_t Interpolator<Real>::surface(const DrawnObject<Real>& object, const Fragment* fragments,
                                     FragmentBatch<Real>& batch, bool view) {
-    auto& in = batch.in;
-    (view ? finish<true, Real> : finish<false, Real>)(batch.count, rows_.data(), frame_.eye, in[0], in[1], in[2], in[3],
-                                                      in[4], in[5], in[6], in[7], in[8], squared_.data());
+    auto &n = batch.normal, &x = batch.position, &v = batch.eye;
+    (view ? finish<true, Real> : finish<false, Real>)(batch.count, rows_.data(), frame_.eye, n[0], n[1], n[2], x[0], x[1],
+                                                      x[2], v[0], v[1], v[2], squared_.data());
     if (!object.normals_can_cancel) return 0;
 
     // Where vertex normals cancel the direction is noise: the face normal stands in, counted.
@@ -190,11 +190,11 @@ int64_t Interpolator<Real>::surface(const DrawnObject<Real>& object, const Fragm
         if (squared_[size_t(i)] >= Real(1e-8)) continue;
         ++replaced;
         const uint32_t triangle = view_->triangles[fragments[i].place] - object.first_triangle;
-        glm::vec<3, Real> x[3];
+        glm::vec<3, Real> p[3];
         for (int k = 0; k < 3; ++k)
-            x[k] = corner(object, object.mesh->indices[3 * size_t(triangle) + size_t(k)]).position();
-        const glm::vec<3, Real> n = object.orientation * glm::normalize(glm::cross(x[1] - x[0], x[2] - x[0]));
-        for (int k = 0; k < 3; ++k) in[k][i] = n[k];
+            p[k] = corner(object, object.mesh->indices[3 * size_t(triangle) + size_t(k)]).position();
+        const glm::vec<3, Real> face = object.orientation * glm::normalize(glm::cross(p[1] - p[0], p[2] - p[0]));
+        for (int k = 0; k < 3; ++k) n[k][i] = face[k];
     }
     return replaced;
 }

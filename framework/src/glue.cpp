@@ -1,6 +1,9 @@
 #include <shadelab/glue.hpp>
 
+#include <shadelab/describe.hpp>
 #include <shadelab/error.hpp>
+
+#include "templates.hpp"
 
 #include <algorithm>
 #include <fstream>
@@ -10,13 +13,15 @@ namespace shadelab {
 
 namespace {
 
-const char* kind_names[] = {"point", "directional", "spot"};
+using Words = std::map<std::string, std::string>;
 
 std::string join(const std::vector<std::string>& parts, const std::string& separator) {
     std::string out;
     for (size_t i = 0; i < parts.size(); ++i) out += (i ? separator : "") + parts[i];
     return out;
 }
+
+// ---- texts that both languages share
 
 std::string struct_text(const Struct& s) {
     std::string out = "struct " + s.name + " { ";
@@ -66,195 +71,183 @@ std::string call_with_columns(const Manifest& manifest, const Function& function
     return function.name + "(" + join(arguments, ", ") + ")";
 }
 
-/// `model(m, n, incident.l, v)`: after the material struct come the fragment's values, by their conventional names.
-std::string call_model(const Function& model) {
+/// `model(m, n, incident.l, v)`: after the material come what the fragment holds and members of what the light function gives.
+std::string call_model(const Manifest& manifest, const Function& model) {
     std::vector<std::string> arguments = {"m"};
+    const std::vector<FragmentAttribute>& fragment = manifest.interface.fragment;
     for (size_t i = 1; i < model.arguments.size(); ++i) {
         const std::string& name = model.arguments[i].name;
-        arguments.push_back(name == "l" ? "incident.l" : name);
+        const bool own = std::any_of(fragment.begin(), fragment.end(), [&](const auto& a) { return a.name == name; });
+        arguments.push_back(own ? name : "incident." + name);
     }
     return model.name + "(" + join(arguments, ", ") + ")";
 }
 
-/// Opens the #if round a shading loop.
-std::string only(const std::string& model, int kind) {
-    return "#if !defined(SHADELAB_ONLY) || defined(SHADELAB_LOOP_" + model + "_" + kind_names[kind] + ")\n";
+/// `incident_light(light, x)`. In C++ it is the function of that name, given or the student's own: a helper of the student's with
+/// the same name does not get in the way.
+std::string call_light(const Manifest& manifest, const std::string& light, bool cpp) {
+    const std::string& name = manifest.interface.light_function;
+    const bool own = std::any_of(manifest.functions.begin(), manifest.functions.end(),
+                                 [&](const Function& function) { return function.name == name; });
+    std::vector<std::string> arguments;
+    for (const Value& argument : manifest.find_function(name)->arguments)
+        arguments.push_back(argument.type == "Light" ? light : argument.name);
+    return (cpp && !own ? "given::" : "") + name + "(" + join(arguments, ", ") + ")";
 }
 
-/// The function of that name, given or the student's own; a helper of the student's with the same name does not get in the way.
-std::string incident_light(const Manifest& manifest) {
-    for (const Function& function : manifest.functions)
-        if (function.name == "incident_light") return function.name;
-    return "given::incident_light";
-}
+// ---- C++
 
-std::string read_text(const std::filesystem::path& file) {
-    std::ifstream in(file);
-    std::ostringstream text;
-    text << in.rdbuf();
-    if (!in) throw InputError(file.string() + ": cannot be read; does the file exist?");
-    return text.str();
-}
-
-}  // namespace
-
-std::string cpp_assignment_header(const Manifest& manifest) {
+std::string assignment_header(const Manifest& manifest) {
     std::string out =
         "#pragma once\n// Generated from assignment.toml. <shadelab/shading.hpp> includes it.\n\nnamespace "
         "shadelab::glsl {\n\n";
     for (const Struct& s : manifest.structs) out += struct_text(s);
-    out += "\n}  // namespace shadelab::glsl\n";
-    return out;
+    return out + "\n}  // namespace shadelab::glsl\n";
 }
 
-std::string cpp_glue(const Manifest& manifest, const std::string& student_file) {
-    std::ostringstream out;
-    out << "// Generated from assignment.toml: the student's file and the loops that call it, in one translation unit, "
-           "so that the\n"
-           "// compiler inlines the functions into the loops and vectorises them.\n"
-           "#include \"prelude.hpp\"\n\n"
-           "#ifndef SHADELAB_TERMS\n#define SHADELAB_TERMS 1\n#endif\n"
-           "// -DSHADELAB_ONLY -DSHADELAB_LOOP_<model>_<kind> ...: of the loops those and no others.\n"
-           "// -DSHADELAB_NO_FUNCTIONS: no function can be evaluated alone.\n"
-           "// -DSHADELAB_COLUMNS: functions are evaluated over columns instead of rows, for measurements of their "
-           "time.\n"
-           "// -DSHADELAB_FOLLOW: calls among the functions are asked about first (plugin.hpp).\n\n";
+/// "n_x" for "n.x": how a loop's parameter is called.
+std::string parameter(std::string column) {
+    std::replace(column.begin(), column.end(), '.', '_');
+    return column;
+}
+
+/// The shading loops of a model, one for each kind of light, and the list of the columns that they take.
+std::string model_text(const Manifest& manifest, const std::filesystem::path& folder, const Function& model) {
+    const std::string material = model.arguments[0].type, member_of = model.arguments[0].name + ".";
+    std::vector<Value> values;
+    for (const FragmentAttribute& attribute : manifest.attributes(model)) values.push_back(attribute.value);
+    const std::vector<Column> columns = manifest.columns(values);
+    Words words{{"model", model.name},
+                {"material", material},
+                {"light_call", call_light(manifest, "light", true)},
+                {"model_call", call_model(manifest, model)}};
+    for (size_t k = 0; k < columns.size(); ++k) {
+        words["columns"] += (k ? ", " : "") + ("\"" + columns[k].name() + "\"");
+        words["parameters"] += ", const Real* __restrict " + parameter(columns[k].name());
+        words["arguments"] += ", in[" + std::to_string(k) + "]";
+    }
+    if (!columns.empty()) words["columns"] += ",";
+    words.try_emplace("parameters", "");
+    words.try_emplace("arguments", "");
+    for (const Value& value : values) {
+        std::vector<std::string> parts;
+        for (const Column& column : manifest.columns({value})) parts.push_back(parameter(column.name()) + "[i]");
+        words["fragment"] += "        const " + value.type + " " + value.name + "(" + join(parts, ", ") + ");\n";
+    }
+
+    // Members of the material that are compiled to be columns: SHADELAB_WIDTH_... is how many columns each takes.
+    std::vector<std::string> widths;
+    for (const Value& member : manifest.find_struct(material)->members) {
+        const std::string flag = "SHADELAB_COLUMN_" + model.name + "_" + member.name,
+                          width = "SHADELAB_WIDTH_" + model.name + "_" + member.name,
+                          when = "#ifdef " + flag + "\n";
+        const std::vector<Column> own = manifest.columns({member}, member_of);
+        words["widths"] += when + "#define " + width + " " + std::to_string(own.size()) + "\n#else\n#define " + width +
+                           " 0\n#endif\n";
+        std::string names, parameters, arguments;
+        std::vector<std::string> parts;
+        const std::string before = std::to_string(columns.size()) + (widths.empty() ? "" : " + " + join(widths, " + "));
+        for (size_t k = 0; k < own.size(); ++k) {
+            names += "    \"" + own[k].name() + "\",\n";
+            parameters += "    , const Real* __restrict " + parameter(own[k].name()) + "\n";
+            arguments += "        , in[" + before + " + " + std::to_string(k) + "]\n";
+            parts.push_back(parameter(own[k].name()) + "[i]");
+        }
+        words["member_columns"] += when + names + "#endif\n";
+        words["member_parameters"] += when + parameters + "#endif\n";
+        words["member_arguments"] += when + arguments + "#endif\n";
+        words["members"] += when + "        m." + member.name + " = " + member.type + "(" + join(parts, ", ") + ");\n#endif\n";
+        widths.push_back(width);
+    }
+    words["varied"] = widths.empty() ? "0" : join(widths, " + ") + " > 0";
+
+    std::string loops;
+    std::vector<std::string> batches;
+    const std::vector<LightKind>& kinds = manifest.interface.lights;
+    for (size_t kind = 0; kind < kinds.size(); ++kind) {
+        int k = 0, l = 0;
+        words["kind"] = kinds[kind].name;
+        words["kind_number"] = std::to_string(kind);
+        words["rebuilt_material"] =
+            rebuild(manifest, material, k, true, [](int i) { return "material[" + std::to_string(i) + "]"; });
+        words["rebuilt_light"] =
+            rebuild(manifest, "Light", l, true, [](int i) { return "light[" + std::to_string(i) + "]"; });
+        loops += filled(folder / "loop.cpp.in", words);
+        batches.push_back("batch_" + model.name + "_" + kinds[kind].name);
+    }
+    words["loops"] = loops;
+    words["batches"] = join(batches, ", ");
+    return filled(folder / "model.cpp.in", words);
+}
+
+/// What evaluates one function over a table.
+std::string function_text(const Manifest& manifest, const std::filesystem::path& folder, const Function& function) {
+    const size_t columns_in = manifest.columns(function.arguments).size();
+    std::vector<std::string> results, parameters, arguments, write_columns, write_row;
+    flatten(manifest, function.returns, "result", results);
+    for (size_t k = 0; k < columns_in; ++k) {
+        parameters.push_back("const Real* __restrict in" + std::to_string(k));
+        arguments.push_back("in + " + std::to_string(k) + " * count");
+    }
+    for (size_t k = 0; k < results.size(); ++k) {
+        const std::string number = std::to_string(k);
+        parameters.push_back("Real* __restrict out" + number);
+        arguments.push_back("out + " + number + " * count");
+        write_columns.push_back("out" + number + "[i] = " + results[k] + ";");
+        write_row.push_back("out[" + number + "] = " + results[k] + ";");
+    }
+    const auto call = [&](const auto& column) { return call_with_columns(manifest, function, true, column); };
+    return filled(folder / "function.cpp.in",
+                  {{"function", function.name},
+                   {"returns", function.returns},
+                   {"columns_in", std::to_string(columns_in)},
+                   {"columns_out", std::to_string(results.size())},
+                   {"column_parameters", join(parameters, ", ")},
+                   {"column_arguments", join(arguments, ", ")},
+                   {"call_on_columns", call([](int k) { return "in" + std::to_string(k) + "[i]"; })},
+                   {"call_on_row", call([](int k) { return "in[" + std::to_string(k) + "]"; })},
+                   {"write_columns", join(write_columns, " ")},
+                   {"write_row", join(write_row, " ")}});
+}
+
+/// A plugin's one translation unit; it includes the student's file.
+std::string plugin_text(const Manifest& manifest, const std::filesystem::path& folder) {
+    const std::vector<Function> models = manifest.models();
+    Words words{{"student", "shading.cpp"},
+                {"light_kinds", std::to_string(manifest.interface.lights.size())},
+                {"model_count", std::to_string(models.size())},
+                {"function_count", std::to_string(manifest.functions.size())},
+                {"given", ""},
+                {"models", ""},
+                {"model_table", ""},
+                {"functions", ""},
+                {"function_table", ""}};
     for (const Manifest& earlier : manifest.given)
         // In a namespace of its own: its helpers never clash with the student's.
-        out << "namespace given {\n#include \""
-            << std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string()
-            << "\"\n}\nusing namespace given;\n";
-    out << "#ifdef SHADELAB_FOLLOW\n#include \"follow.hpp\"\n#endif\n#include \"" << student_file << "\"\n\n";
-
-    // The arrays are restrict parameters and not members: otherwise the compiler must assume that they overlap.
-    const char* inputs =
-        "const Real* __restrict nx, const Real* __restrict ny, const Real* __restrict nz, const Real* __restrict xx,\n"
-        "    const Real* __restrict xy, const Real* __restrict xz, const Real* __restrict vx, const Real* __restrict "
-        "vy,\n"
-        "    const Real* __restrict vz";
-    const std::vector<std::string> terms = {"ambient", "diffuse", "specular"};
-    const std::vector<Function> models = manifest.models();
+        words["given"] += "namespace given {\n#include \"" +
+                          std::filesystem::absolute(earlier.directory / "shading.cpp").lexically_normal().string() +
+                          "\"\n}\nusing namespace given;\n";
     for (const Function& model : models) {
-        const std::string material = model.arguments[0].type;
-        for (const bool layers : {false, true}) {
-            // Two loops are written and one is compiled: a plugin serves those who want the layers or those who do not.
-            out << (layers ? "#else\n" : "#if !SHADELAB_TERMS\n");
-            for (int kind = 0; kind < 3; ++kind) {
-                out << only(model.name, kind);
-                out << "__attribute__((noinline, flatten)) static void shade_" << model.name << "_" << kind_names[kind]
-                    << "(\n    int count, " << inputs
-                    << ",\n    Real* __restrict tr, Real* __restrict tg, Real* __restrict tb";
-                if (layers)
-                    for (const std::string& term : terms)
-                        for (const char* c : {"r", "g", "b"}) out << ", Real* __restrict " << term << "_" << c;
-                out << ",\n    const " << material << "& material, const Light& source) {\n"
-                    << "    const " << material
-                    << " m = material;\n    Light light = source;\n    light.kind = " << kind
-                    << ";  // a constant: no branch on it stays in the loop\n"
-                    << "    for (int i = 0; i < count; ++i) {\n"
-                    << "        const vec3 n(nx[i], ny[i], nz[i]), x(xx[i], xy[i], xz[i]), v(vx[i], vy[i], vz[i]);\n"
-                    << "        const Incident incident = " << incident_light(manifest)
-                    << "(light, x);\n"
-                    // Not const: GCC 12 would leave the whole loop scalar.
-                    << "        Terms terms = " << call_model(model) << ";\n";
-                for (const std::string& term : terms)
-                    out << "        const vec3 " << term << " = terms." << term << " * incident.e;\n";
-                out << "        const vec3 total = (ambient + diffuse) + specular;\n"
-                    << "        tr[i] += total.x; tg[i] += total.y; tb[i] += total.z;\n";
-                if (layers)
-                    for (const std::string& term : terms)
-                        out << "        " << term << "_r[i] += " << term << ".x; " << term << "_g[i] += " << term
-                            << ".y; " << term << "_b[i] += " << term << ".z;\n";
-                out << "    }\n}\n#endif\n";
-            }
-        }
-        out << "#endif\n";
-        for (int kind = 0; kind < 3; ++kind) {
-            const std::string name = "shade_" + model.name + "_" + kind_names[kind];
-            const auto column = [&](const char* array) {
-                return [array](int k) { return std::string(array) + "[" + std::to_string(k) + "]"; };
-            };
-            int k = 0, l = 0;
-            out << only(model.name, kind);
-            out << "static void batch_" << model.name << "_" << kind_names[kind]
-                << "(const shadelab::plugin::Batch<Real>& batch, const Real* material, const Real* light) noexcept {\n"
-                << "    const Real* const* in = batch.in;\n    Real* const* out = batch.out;\n"
-                << "    const " << material << " m = " << rebuild(manifest, material, k, true, column("material"))
-                << ";\n"
-                << "    const Light source = " << rebuild(manifest, "Light", l, true, column("light")) << ";\n"
-                << "    " << name
-                << "(batch.count, in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], in[8], out[0], out[1], "
-                   "out[2],\n"
-                << "#if SHADELAB_TERMS\n        out[3], out[4], out[5], out[6], out[7], out[8], out[9], out[10], "
-                   "out[11],\n#endif\n"
-                << "        m, source);\n}\n#else\nstatic constexpr std::nullptr_t batch_" << model.name << "_"
-                << kind_names[kind] << " = nullptr;\n#endif\n";
-        }
+        words["models"] += model_text(manifest, folder, model);
+        words["model_table"] += "    {\"" + model.name + "\", int(sizeof columns_" + model.name +
+                                " / sizeof *columns_" + model.name + ") - 1, columns_" + model.name + ", loops_" +
+                                model.name + "},\n";
     }
-
-    out << "#ifndef SHADELAB_NO_FUNCTIONS\n";
-    // noexcept, as the batches: a student's exception ends the process instead of passing for an error of the renderer.
     for (const Function& function : manifest.functions) {
-        const int columns_in = manifest.columns(function.arguments), columns_out = manifest.columns(function.returns);
-        std::vector<std::string> results;
-        flatten(manifest, function.returns, "result", results);
-        const auto expression = [&](const auto& column) { return call_with_columns(manifest, function, true, column); };
-
-        // Columns: a loop like those that shade, which vectorises where the function allows it.
-        std::vector<std::string> parameters, arguments;
-        for (int k = 0; k < columns_in; ++k) {
-            parameters.push_back("const Real* __restrict in" + std::to_string(k));
-            arguments.push_back("in + " + std::to_string(k) + " * count");
-        }
-        for (int k = 0; k < columns_out; ++k) {
-            parameters.push_back("Real* __restrict out" + std::to_string(k));
-            arguments.push_back("out + " + std::to_string(k) + " * count");
-        }
-        out << "#ifdef SHADELAB_COLUMNS\n__attribute__((noinline, flatten)) static void columns_" << function.name
-            << "(std::int64_t count, " << join(parameters, ", ") << ") {\n"
-            << "    for (std::int64_t i = 0; i < count; ++i) {\n        " << function.returns
-            << " result = " << expression([](int k) { return "in" + std::to_string(k) + "[i]"; }) << ";\n       ";
-        for (size_t k = 0; k < results.size(); ++k) out << " out" << k << "[i] = " << results[k] << ";";
-        out << "\n    }\n}\nstatic void evaluate_" << function.name
-            << "(std::int64_t count, const Real* in, Real* out) noexcept {\n    columns_" << function.name << "(count, "
-            << join(arguments, ", ") << ");\n}\n#else\n";
-
-        out << "static void evaluate_" << function.name
-            << "(std::int64_t count, const Real* in, Real* out) noexcept {\n"
-            << "    for (std::int64_t i = 0; i < count; ++i, in += " << columns_in << ", out += " << columns_out
-            << ") {\n"
-            << "        const " << function.returns
-            << " result = " << expression([](int k) { return "in[" + std::to_string(k) + "]"; }) << ";\n       ";
-        for (size_t k = 0; k < results.size(); ++k) out << " out[" << k << "] = " << results[k] << ";";
-        out << "\n    }\n}\n#endif\n";
+        words["functions"] += function_text(manifest, folder, function);
+        words["function_table"] += "    {\"" + function.name + "\", " +
+                                   std::to_string(manifest.columns(function.arguments).size()) + ", " +
+                                   std::to_string(manifest.columns(function.returns)) + ", evaluate_" +
+                                   function.name + "},\n";
     }
-
-    out << "#endif\n\nstatic const shadelab::plugin::Model<Real> model_table[] = {\n";
-    for (const Function& model : models) {
-        out << "    {\"" << model.name << "\", {";
-        for (int kind = 0; kind < 3; ++kind)
-            out << (kind ? ", " : "") << "batch_" << model.name << "_" << kind_names[kind];
-        out << "}},\n";
-    }
-    if (models.empty()) out << "    {nullptr, {nullptr, nullptr, nullptr}},\n";
-    out << "};\nstatic const shadelab::plugin::Function<Real> function_table[] = {\n#ifndef SHADELAB_NO_FUNCTIONS\n";
-    for (const Function& function : manifest.functions)
-        out << "    {\"" << function.name << "\", " << manifest.columns(function.arguments) << ", "
-            << manifest.columns(function.returns) << ", evaluate_" << function.name << "},\n";
-    out << "#endif\n    {nullptr, 0, 0, nullptr},\n};\nextern \"C\" __attribute__((visibility(\"default\"))) const "
-           "shadelab::plugin::Table<Real> "
-           "shadelab_plugin = {\n"
-        << "    shadelab::plugin::abi_version, int(sizeof(Real)), SHADELAB_TERMS, " << models.size() << ",\n"
-        << "#ifdef SHADELAB_NO_FUNCTIONS\n    0,\n#else\n    " << manifest.functions.size()
-        << ",\n#endif\n    model_table, function_table};\n";
-    return out.str();
+    return filled(folder / "plugin.cpp.in", words);
 }
 
-std::string cpp_follow_header(const Manifest& manifest) {
+/// For plugins with -DSHADELAB_FOLLOW: of each function f a wrapper f_followed, which asks for a recorded result first.
+std::string follow_header(const Manifest& manifest) {
     std::ostringstream out;
     out << "#pragma once\n// Generated from assignment.toml: f_followed() stands in for f() where the functions call "
-           "each "
-           "other.\n\n"
+           "each other.\n\n"
            "extern \"C\" __attribute__((visibility(\"default\"))) shadelab::plugin::Answer<Real> shadelab_follow = "
            "nullptr;\n\n";
     for (size_t index = 0; index < manifest.functions.size(); ++index) {
@@ -277,8 +270,118 @@ std::string cpp_follow_header(const Manifest& manifest) {
     return out.str();
 }
 
-std::string glsl_prelude(const Manifest& manifest, const std::string& shading_glsl) {
-    std::string out = shading_glsl + "\n";
+// ---- GLSL
+
+/// Whole numbers travel as floats.
+std::string evaluate_main(const Manifest& manifest, const std::filesystem::path& folder, const Function& function) {
+    const int columns = int(manifest.columns(function.arguments).size()), texels = (columns + 3) / 4;
+    std::vector<std::string> results;
+    flatten(manifest, function.returns, "result", results);
+    const size_t targets = (results.size() + 3) / 4;
+    results.resize(targets * 4, "0.0");
+    const auto column = [](int k) { return "c" + std::to_string(k / 4) + "." + "xyzw"[k % 4]; };
+    Words words{{"function", function.name},
+                {"returns", function.returns},
+                {"texels", std::to_string(texels)},
+                {"call", call_with_columns(manifest, function, false, column)},
+                {"outputs", ""},
+                {"fetches", ""},
+                {"writes", ""}};
+    for (size_t k = 0; k < targets; ++k) {
+        const std::string number = std::to_string(k);
+        words["outputs"] += "layout(location = " + number + ") out vec4 shadelab_out" + number + ";\n";
+        words["writes"] += "    shadelab_out" + number + " = vec4(" +
+                           join({results.begin() + 4 * long(k), results.begin() + 4 * long(k) + 4}, ", ") + ");\n";
+    }
+    for (int k = 0; k < texels; ++k)
+        words["fetches"] += "    vec4 c" + std::to_string(k) + " = texelFetch(shadelab_rows, at + ivec2(" +
+                            std::to_string(k) + ", 0), 0);\n";
+    return filled(folder / "evaluate.glsl", words);
+}
+
+/// Lights from a texture, and where each kind's end.
+std::string light_text(const Manifest& manifest, const std::filesystem::path& folder) {
+    Words words{{"lights_per_line", std::to_string(lights_per_line)},
+                {"texels_per_light", std::to_string(texels_per_light)},
+                {"ends", ""},
+                {"fetches", ""}};
+    for (const LightKind& kind : manifest.interface.lights)
+        words["ends"] += "uniform float shadelab_light_end_" + kind.name + ";\n";
+    for (int k = 0; k < texels_per_light; ++k)
+        words["fetches"] += "    vec4 c" + std::to_string(k) + " = texelFetch(shadelab_lights, at + ivec2(" +
+                            std::to_string(k) + ", 0), 0);\n";
+    int column = 0;
+    words["light"] = rebuild(manifest, "Light", column, false, [](int k) {
+        return k == 0 ? std::string("kind") : "c" + std::to_string((k - 1) / 4) + "." + "xyzw"[(k - 1) % 4];
+    });
+    return filled(folder / "light_texture.glsl", words);
+}
+
+/// The uniforms and the statements that shade with every light.
+struct Shading {
+    std::string uniforms, body;
+};
+
+Shading shading_text(const Manifest& manifest, const std::filesystem::path& folder, const Scene& scene,
+                     const Features& features, const Function& model) {
+    Shading out;
+    const std::string material = model.arguments[0].type;
+    std::vector<std::string> members;
+    out.uniforms = "uniform vec3 shadelab_eye;\n";
+    for (const Value& member : manifest.find_struct(material)->members) {
+        out.uniforms += "uniform " + member.type + " shadelab_material_" + member.name + ";\n";
+        members.push_back("shadelab_material_" + member.name);
+    }
+    out.body = filled(folder / "shading.glsl", {{"material", material}, {"members", join(members, ", ")}});
+    const auto add_light = [&](const std::string& light) {
+        out.body += filled(folder / "light.glsl", {{"light_call", call_light(manifest, light, false)},
+                                                   {"model_call", call_model(manifest, model)}});
+    };
+    const std::vector<int> lights = glsl_lights(scene, features);
+    if (lights.size() > most_unrolled_lights) {
+        out.uniforms += light_text(manifest, folder);
+        std::string begin = "0";
+        for (size_t kind = 0; kind < scene.light_kinds.size(); ++kind) {
+            if (std::none_of(lights.begin(), lights.end(),
+                             [&](int i) { return scene.lights[size_t(i)].kind == int(kind); }))
+                continue;
+            const std::string end = "int(shadelab_light_end_" + scene.light_kinds[kind] + ")";
+            out.body += "    for (int i = " + begin + "; i < " + end + "; ++i) {\n";
+            add_light("shadelab_light(" + std::to_string(kind) + ", i)");
+            out.body += "    }\n";
+            begin = end;
+        }
+        return out;
+    }
+    for (size_t i = 0; i < lights.size(); ++i) {
+        const std::string light = "shadelab_light" + std::to_string(i) + "_";
+        std::vector<std::string> light_members;
+        for (const Value& member : manifest.find_struct("Light")->members) {
+            if (member.name == "kind") {
+                // Compiled in, like the number of lights: the driver pays for every kind and every turn that it cannot rule out.
+                light_members.push_back(std::to_string(scene.lights[size_t(lights[i])].kind));
+                continue;
+            }
+            out.uniforms += "uniform " + member.type + " " + light + member.name + ";\n";
+            light_members.push_back(light + member.name);
+        }
+        add_light("Light(" + join(light_members, ", ") + ")");
+    }
+    return out;
+}
+
+/// What a fragment's main says of normals that cancel.
+Words unit_normal(const std::filesystem::path& folder, bool normals_can_cancel) {
+    return {{"fallback", normals_can_cancel ? filled(folder / "fallback.glsl") : ""},
+            {"unit_normal", normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)"}};
+}
+
+Words transform(const std::filesystem::path& folder) { return {{"transform", filled(folder / "transform.glsl")}}; }
+
+}  // namespace
+
+std::string glsl_prelude(const Manifest& manifest, const std::filesystem::path& framework) {
+    std::string out = read_text(framework / "glsl" / "prelude.glsl") + "\n";
     for (const Struct& s : manifest.structs) out += struct_text(s);
     for (const Manifest& earlier : manifest.given)
         for (const Function& function : earlier.functions) out += prototype(function);
@@ -286,67 +389,6 @@ std::string glsl_prelude(const Manifest& manifest, const std::string& shading_gl
     for (const Manifest& earlier : manifest.given) out += read_text(earlier.directory / "shading.glsl") + "\n";
     return out;
 }
-
-// The evaluator. `rows` holds the table, one line of texels per 1024 rows; a row takes ceil(columns / 4) neighbouring texels. Row
-// 1024 y + x is evaluated at pixel (x, y) of a float framebuffer; its result fills as many RGBA targets as it needs. Whole numbers
-// travel as floats.
-std::string glsl_evaluate_main(const Manifest& manifest, const Function& function) {
-    const int columns = manifest.columns(function.arguments), texels = (columns + 3) / 4;
-    std::vector<std::string> results;
-    flatten(manifest, function.returns, "result", results);
-    const size_t targets = (results.size() + 3) / 4;
-    results.resize(targets * 4, "0.0");
-    std::ostringstream out;
-    out << "uniform sampler2D shadelab_rows;\n";
-    for (size_t k = 0; k < targets; ++k) out << "layout(location = " << k << ") out vec4 shadelab_out" << k << ";\n";
-    out << "void main() {\n    ivec2 at = ivec2(gl_FragCoord.xy) * ivec2(" << texels << ", 1);\n";
-    for (int k = 0; k < texels; ++k)
-        out << "    vec4 c" << k << " = texelFetch(shadelab_rows, at + ivec2(" << k << ", 0), 0);\n";
-    const auto column = [](int k) { return "c" + std::to_string(k / 4) + "." + "xyzw"[k % 4]; };
-    out << "    " << function.returns << " result = " << call_with_columns(manifest, function, false, column) << ";\n";
-    for (size_t k = 0; k < targets; ++k)
-        out << "    shadelab_out" << k << " = vec4("
-            << join({results.begin() + 4 * k, results.begin() + 4 * k + 4}, ", ") << ");\n";
-    out << "}\n";
-    return out.str();
-}
-
-namespace {
-
-const char* transform_text =
-    "uniform mat4 shadelab_to_clip;\nuniform mat4 shadelab_to_world;\nuniform mat3 shadelab_normal_to_world;\n"
-    "in vec3 shadelab_position;\nin vec3 shadelab_normal;\n";
-
-const char* transform_body =
-    "    vec3 x = (shadelab_to_world * vec4(shadelab_position, 1.0)).xyz;\n"
-    "    vec3 n = normalize(shadelab_normal_to_world * shadelab_normal);\n"
-    "    gl_Position = shadelab_to_clip * vec4(shadelab_position, 1.0);\n";
-
-// dFdx cross dFdy points to the viewer whichever way the triangle winds; facing and mirroring turn it to the mesh's outside.
-const char* fallback_text =
-    "uniform float shadelab_orientation;\n"
-    "vec3 shadelab_unit_normal(vec3 n, vec3 x) {\n"
-    "    vec3 face = cross(dFdx(x), dFdy(x)) * (gl_FrontFacing == (shadelab_orientation > 0.0) ? 1.0 : -1.0);\n"
-    "    return dot(n, n) >= 1e-8 ? normalize(n) : normalize(face);\n}\n";
-
-/// Lights from a texture. The kind is compiled in. The ends are where each kind's lights end in the list; they are uniforms, so that no
-/// driver can unroll the loops, and floats, as all numbers of a packet.
-std::string light_text(const Manifest& manifest) {
-    std::ostringstream out;
-    out << "uniform sampler2D shadelab_lights;\nuniform vec3 shadelab_light_ends;\n"
-        << "Light shadelab_light(int kind, int i) {\n    ivec2 at = ivec2(i % " << lights_per_line << " * "
-        << texels_per_light << ", i / " << lights_per_line << ");\n";
-    for (int k = 0; k < texels_per_light; ++k)
-        out << "    vec4 c" << k << " = texelFetch(shadelab_lights, at + ivec2(" << k << ", 0), 0);\n";
-    int column = 0;
-    const auto text = [](int k) {
-        return k == 0 ? std::string("kind") : "c" + std::to_string((k - 1) / 4) + "." + "xyzw"[(k - 1) % 4];
-    };
-    out << "    return " << rebuild(manifest, "Light", column, false, text) << ";\n}\n";
-    return out.str();
-}
-
-}  // namespace
 
 std::vector<int> glsl_lights(const Scene& scene, const Features& features) {
     std::vector<int> lights = features.lights;
@@ -356,123 +398,51 @@ std::vector<int> glsl_lights(const Scene& scene, const Features& features) {
     return lights;
 }
 
-ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features,
-                             const Function& model, Interpolation interpolation, bool normals_can_cancel) {
-    std::ostringstream uniforms, body;
-    const std::string material = model.arguments[0].type;
-    std::vector<std::string> members;
-    uniforms << "uniform vec3 shadelab_eye;\n";
-    for (const Value& member : manifest.find_struct(material)->members) {
-        uniforms << "uniform " << member.type << " shadelab_material_" << member.name << ";\n";
-        members.push_back("shadelab_material_" + member.name);
+ShaderMains glsl_shade_mains(const Manifest& manifest, const std::filesystem::path& framework, const Scene& scene,
+                             const Features& features, const Function& model, Interpolation interpolation,
+                             bool normals_can_cancel) {
+    const std::filesystem::path folder = framework / "glsl";
+    const Shading shading = shading_text(manifest, folder, scene, features, model);
+    std::vector<std::string> layers = {"total"};
+    if (features.term_layers) layers.insert(layers.end(), {"ambient", "diffuse", "specular"});
+    std::string outputs, varyings_out, varyings_in, vertex_writes, colour_writes, fragment_writes;
+    for (size_t k = 0; k < layers.size(); ++k) {
+        const std::string& layer = layers[k];
+        outputs += "layout(location = " + std::to_string(k) + ") out vec4 shadelab_out_" + layer + ";\n";
+        varyings_out += "out vec3 shadelab_" + layer + ";\n";
+        varyings_in += "in vec3 shadelab_" + layer + ";\n";
+        vertex_writes += "    shadelab_" + layer + " = " + layer + ";\n";
+        colour_writes += "    shadelab_out_" + layer + " = vec4(shadelab_" + layer + ", 1.0);\n";
+        fragment_writes += "    shadelab_out_" + layer + " = vec4(" + layer + ", 1.0);\n";
     }
-    body << "    vec3 v = normalize(shadelab_eye - x);\n    " << material << " m = " << material << "("
-         << join(members, ", ") << ");\n"
-         << "    vec3 ambient = vec3(0), diffuse = vec3(0), specular = vec3(0), total = vec3(0);\n    Incident "
-            "incident;\n    Terms terms;\n";
-    const auto add_light = [&](const std::string& light) {
-        body << "    incident = incident_light(" << light << ", x);\n"
-             << "    terms = " << call_model(model) << ";\n"
-             << "    terms = Terms(terms.ambient * incident.e, terms.diffuse * incident.e, terms.specular * "
-                "incident.e);\n"
-             << "    ambient += terms.ambient; diffuse += terms.diffuse; specular += terms.specular;\n"
-             << "    total += (terms.ambient + terms.diffuse) + terms.specular;\n";
-    };
-    const std::vector<int> lights = glsl_lights(scene, features);
-    const bool looped = lights.size() > most_unrolled_lights;
-    if (looped) {
-        uniforms << light_text(manifest);
-        std::string begin = "0";
-        for (int kind = 0; kind < 3; ++kind) {
-            if (std::none_of(lights.begin(), lights.end(),
-                             [&](int i) { return int(scene.lights[size_t(i)].kind) == kind; }))
-                continue;
-            const std::string end = std::string("int(shadelab_light_ends.") + "xyz"[kind] + ")";
-            body << "    for (int i = " << begin << "; i < " << end << "; ++i) {\n";
-            add_light("shadelab_light(" + std::to_string(kind) + ", i)");
-            body << "    }\n";
-            begin = end;
-        }
-    }
-    for (size_t i = 0; i < (looped ? 0 : lights.size()); ++i) {
-        const std::string light = "shadelab_light" + std::to_string(i) + "_";
-        std::vector<std::string> light_members;
-        for (const Value& member : manifest.find_struct("Light")->members) {
-            if (member.name == "kind") {
-                // Compiled in, like the number of lights: the driver pays for every kind and every turn that it cannot rule out.
-                light_members.push_back(std::to_string(int(scene.lights[size_t(lights[i])].kind)));
-                continue;
-            }
-            uniforms << "uniform " << member.type << " " << light << member.name << ";\n";
-            light_members.push_back(light + member.name);
-        }
-        add_light("Light(" + join(light_members, ", ") + ")");
-    }
-
-    const std::vector<std::string> layers = features.term_layers
-                                                ? std::vector<std::string>{"total", "ambient", "diffuse", "specular"}
-                                                : std::vector<std::string>{"total"};
-    std::ostringstream outputs, write;
-    for (size_t k = 0; k < layers.size(); ++k)
-        outputs << "layout(location = " << k << ") out vec4 shadelab_out_" << layers[k] << ";\n";
-
-    ShaderMains mains;
-    mains.student_in_vertex = interpolation == Interpolation::gouraud;
-    if (mains.student_in_vertex) {
-        std::ostringstream vertex, fragment;
-        vertex << transform_text << uniforms.str();
-        for (const std::string& layer : layers) vertex << "out vec3 shadelab_" << layer << ";\n";
-        vertex << "void main() {\n" << transform_body << body.str();
-        for (const std::string& layer : layers) vertex << "    shadelab_" << layer << " = " << layer << ";\n";
-        vertex << "}\n";
-        for (const std::string& layer : layers) fragment << "in vec3 shadelab_" << layer << ";\n";
-        fragment << outputs.str() << "void main() {\n";
-        for (const std::string& layer : layers)
-            fragment << "    shadelab_out_" << layer << " = vec4(shadelab_" << layer << ", 1.0);\n";
-        fragment << "}\n";
-        mains.vertex = vertex.str();
-        mains.fragment = fragment.str();
-        return mains;
-    }
-    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" +
-                   transform_body + "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
-    std::ostringstream fragment;
-    fragment << uniforms.str() << "in vec3 shadelab_x;\nin vec3 shadelab_n;\n"
-             << outputs.str() << (normals_can_cancel ? fallback_text : "")
-             << "void main() {\n    vec3 x = shadelab_x;\n    vec3 n = "
-             << (normals_can_cancel ? "shadelab_unit_normal(shadelab_n, x)" : "normalize(shadelab_n)") << ";\n"
-             << body.str();
-    for (const std::string& layer : layers)
-        fragment << "    shadelab_out_" << layer << " = vec4(" << layer << ", 1.0);\n";
-    fragment << "}\n";
-    mains.fragment = fragment.str();
-    return mains;
+    if (interpolation == Interpolation::gouraud)
+        return {filled(folder / "shade_vertex.glsl", {{"transform", filled(folder / "transform.glsl")},
+                                                      {"uniforms", shading.uniforms},
+                                                      {"varyings", varyings_out},
+                                                      {"shading", shading.body},
+                                                      {"writes", vertex_writes}}),
+                filled(folder / "colours.glsl",
+                       {{"varyings", varyings_in}, {"outputs", outputs}, {"writes", colour_writes}}),
+                ShaderMains::vertex_stage};
+    Words words = unit_normal(folder, normals_can_cancel);
+    words.insert(
+        {{"uniforms", shading.uniforms}, {"outputs", outputs}, {"shading", shading.body}, {"writes", fragment_writes}});
+    return {filled(folder / "vertex.glsl", transform(folder)), filled(folder / "shade_fragment.glsl", words),
+            ShaderMains::fragment_stage};
 }
 
-ShaderMains glsl_geometry_mains(bool normals_can_cancel) {
-    ShaderMains mains;
-    mains.student_in_vertex = false;
-    mains.vertex = std::string(transform_text) + "out vec3 shadelab_x;\nout vec3 shadelab_n;\nvoid main() {\n" +
-                   transform_body + "    shadelab_x = x;\n    shadelab_n = n;\n}\n";
-    mains.fragment =
-        std::string("uniform float shadelab_id;\nin vec3 shadelab_x;\nin vec3 shadelab_n;\n") +
-        "layout(location = 0) out vec4 shadelab_normal_id;\nlayout(location = 1) out vec4 shadelab_position_depth;\n" +
-        (normals_can_cancel ? fallback_text : "") + "void main() {\n    vec3 n = " +
-        (normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)") +
-        ";\n    shadelab_normal_id = vec4(n, shadelab_id);\n"
-        "    shadelab_position_depth = vec4(shadelab_x, gl_FragCoord.z);\n}\n";
-    return mains;
+ShaderMains glsl_geometry_mains(const std::filesystem::path& framework, bool normals_can_cancel) {
+    const std::filesystem::path folder = framework / "glsl";
+    return {filled(folder / "vertex.glsl", transform(folder)),
+            filled(folder / "geometry_fragment.glsl", unit_normal(folder, normals_can_cancel)), ShaderMains::neither};
 }
 
-ShaderMains glsl_depth_mains() {
-    return {
-        "uniform mat4 shadelab_to_clip;\nin vec3 shadelab_position;\nvoid main() {\n"
-        "    gl_Position = shadelab_to_clip * vec4(shadelab_position, 1.0);\n}\n",
-        "void main() {}\n", false};
+ShaderMains glsl_depth_mains(const std::filesystem::path& framework) {
+    const std::filesystem::path folder = framework / "glsl";
+    return {filled(folder / "depth_vertex.glsl"), filled(folder / "depth_fragment.glsl"), ShaderMains::neither};
 }
 
-void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
-                const std::filesystem::path& out) {
+void write_glue(const Manifest& manifest, const std::filesystem::path& framework, const std::filesystem::path& out) {
     std::filesystem::create_directories(out / "shadelab");
     std::filesystem::create_directories(out / "evaluate");
     const auto write = [&](const std::filesystem::path& file, const std::string& text) {
@@ -481,14 +451,15 @@ void write_glue(const Manifest& manifest, const std::filesystem::path& include_f
         stream.close();
         if (!stream) throw InfrastructureError((out / file).string() + ": cannot be written; is the disk full?");
     };
-    write("shadelab/assignment.hpp", cpp_assignment_header(manifest));
+    write("assignment.json", describe(manifest));
+    write("shadelab/assignment.hpp", assignment_header(manifest));
     // One header, so that whoever compiles many plugins can precompile it.
     write("prelude.hpp", "#pragma once\n#include <shadelab/shading.hpp>\n#include <shadelab/plugin.hpp>\n");
-    write("glue.cpp", cpp_glue(manifest, "shading.cpp"));
-    write("follow.hpp", cpp_follow_header(manifest));
-    write("prelude.glsl", glsl_prelude(manifest, read_text(include_folder / "shadelab" / "shading.glsl")));
+    write("glue.cpp", plugin_text(manifest, framework / "glue"));
+    write("follow.hpp", follow_header(manifest));
+    write("prelude.glsl", glsl_prelude(manifest, framework));
     for (const Function& function : manifest.functions)
-        write("evaluate/" + function.name + ".glsl", glsl_evaluate_main(manifest, function));
+        write("evaluate/" + function.name + ".glsl", evaluate_main(manifest, framework / "glsl", function));
 }
 
 }  // namespace shadelab

@@ -55,8 +55,11 @@ template <class Real>
 DrawStatistics draw(const Scene& scene, const Features& features, const std::vector<Mesh>& meshes,
                     const plugin::Table<Real>& plugin, Film& film, Workspace* workspace) {
     static const DrawTable& table = load_level(processor_level());
-    FrameFacts facts{scene.camera.world_to_clip(double(film.width) / film.height), {}, {}};
-    for (int i : features.lights) facts.lights.push_back(scene.lights[size_t(i)].flatten());
+    FrameFacts facts{scene.camera.world_to_clip(double(film.width) / film.height), {}, {}, {}};
+    for (int i : features.lights) {
+        facts.lights.push_back(scene.lights[size_t(i)].flatten());
+        facts.placed.push_back(scene.lights[size_t(i)].placed);
+    }
     for (size_t i = 0; i < meshes.size(); ++i)
         facts.normals_can_cancel.push_back(features.normal_fallback ||
                                            normals_can_cancel(meshes[i], scene.objects[i].to_world));

@@ -10,6 +10,7 @@ namespace shadelab {
 struct FrameFacts {
     glm::dmat4 world_to_clip;
     std::vector<std::vector<double>> lights;  ///< flattened, in the order of features.lights
+    std::vector<char> placed;                 ///< per light: whether it has a position
     std::vector<char> normals_can_cancel;     ///< per object
 };
 

@@ -3,46 +3,68 @@
 #include "toml_reader.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 namespace shadelab {
 
 namespace {
 
-// What the short names of domains mean: a type and the bounds of each number.
+const std::map<std::string, int> columns_of_type = {{"Real", 1}, {"int", 1}, {"vec2", 2}, {"vec3", 3}, {"vec4", 4}};
+
+// What the short names of domains mean: a type and the bounds of each number. The last four are types alone.
 const std::map<std::string, Value> domains = {
     {"unit", {"", "vec3", -1, 1}},       {"position", {"", "vec3", -1e30, 1e30}}, {"rgb", {"", "vec3", 0, 1e30}},
     {"cosine", {"", "Real", -1, 1}},     {"angle", {"", "Real", -1e30, 1e30}},    {"Real", {"", "Real", -1e30, 1e30}},
     {"vec2", {"", "vec2", -1e30, 1e30}}, {"vec3", {"", "vec3", -1e30, 1e30}},     {"vec4", {"", "vec4", -1e30, 1e30}},
 };
 
-const std::map<std::string, int> columns_of_type = {{"Real", 1}, {"int", 1}, {"vec2", 2}, {"vec3", 3}, {"vec4", 4}};
+/// "unit", "upper(n)", "upper(-n)", a struct's name ...
+Value short_form(TomlReader& reader, const std::string& name, const Manifest& manifest) {
+    const std::string text = reader.string(name);
+    Value value;
+    if (text.rfind("upper(", 0) == 0 && text.back() == ')') {
+        value = domains.at("unit");
+        value.domain.opposite = text[6] == '-';
+        const size_t begin = value.domain.opposite ? 7 : 6;
+        value.domain = {"upper", text.substr(begin, text.size() - 1 - begin), value.domain.opposite};
+    } else if (const auto found = domains.find(text); found != domains.end()) {
+        value = found->second;
+        value.domain.kind = columns_of_type.count(text) ? "range" : text;
+    } else if (manifest.find_struct(text)) {
+        value = {"", text, 0, 0, {"struct"}};
+    } else {
+        reader.fail(name, "unknown domain \"" + text + "\"");
+    }
+    return value;
+}
 
-// One `{ name = "domain" }` or `{ name = { type, range, typical, scale } }`.
+/// { type, range, typical, scale }
+Value long_form(TomlReader domain) {
+    Value value;
+    value.domain.kind = "range";
+    value.type = domain.choice("type", "Real", {"Real", "int", "vec2", "vec3", "vec4"});
+    const auto pair = [&](const std::string& key) {
+        const std::vector<double> ends = domain.numbers(key, 2);
+        if (ends[0] > ends[1]) domain.fail(key, "must go from the lower number to the higher");
+        return std::array<double, 2>{ends[0], ends[1]};
+    };
+    value.domain.range = pair("range");
+    value.min = (*value.domain.range)[0], value.max = (*value.domain.range)[1];
+    if (domain.has("typical")) value.domain.typical = pair("typical");
+    value.domain.log = domain.choice("scale", "linear", {"linear", "log"}) == "log";
+    if (value.domain.log && (value.domain.typical ? (*value.domain.typical)[0] : value.min) <= 0)
+        domain.fail("scale", "a logarithm needs typical values above 0");
+    domain.finish();
+    return value;
+}
+
+/// One `{ name = "domain" }` or `{ name = { type, range, typical, scale } }`.
 Value read_value(const toml::table& table, const std::string& file, const std::string& key, const Manifest& manifest) {
     TomlReader reader(table, file, key);
     if (table.size() != 1) reader.fail(key, "each entry is one { name = \"domain\" }");
     const std::string name(table.begin()->first.str());
-    Value value;
-    if (table.begin()->second.is_string()) {
-        std::string domain = reader.string(name);
-        if (domain.rfind("upper(", 0) == 0) domain = "unit";
-        if (const auto found = domains.find(domain); found != domains.end())
-            value = found->second;
-        else if (manifest.find_struct(domain))
-            value = {"", domain, 0, 0};
-        else
-            reader.fail(name, "unknown domain \"" + domain + "\"");
-    } else {
-        TomlReader domain = reader.child(name);
-        value.type = domain.choice("type", "Real", {"Real", "int", "vec2", "vec3", "vec4"});
-        const std::vector<double> range = domain.numbers("range", 2);
-        value.min = range[0];
-        value.max = range[1];
-        if (domain.has("typical")) domain.numbers("typical", 2);
-        domain.choice("scale", "linear", {"linear", "log"});
-        domain.finish();
-    }
+    Value value = table.begin()->second.is_string() ? short_form(reader, name, manifest) : long_form(reader.child(name));
     value.name = name;
     return value;
 }
@@ -57,6 +79,13 @@ std::vector<Value> read_values(TomlReader& reader, const std::string& key, const
         if (!element.is_table()) reader.fail(key, "must be an array of { name = \"domain\" }");
         out.push_back(read_value(*element.as_table(), file, key, manifest));
     }
+    for (const Value& value : out) {
+        const auto same = [&](const Value& other) { return other.name == value.name; };
+        if (std::count_if(out.begin(), out.end(), same) > 1) reader.fail(key, value.name + " stands here twice");
+        const auto base = [&](const Value& other) { return other.name == value.domain.base; };
+        if (value.domain.kind == "upper" && std::none_of(out.begin(), out.end(), base))
+            reader.fail(key, value.name + ": upper(" + value.domain.base + ") names no argument");
+    }
     return out;
 }
 
@@ -70,12 +99,160 @@ void read_structs(TomlReader& root, const std::string& file, Manifest& manifest)
     }
 }
 
+Interface read_interface(TomlReader& root, const Manifest& manifest) {
+    constexpr int version = 2;
+    Interface out;
+    if (root.integer("version", 0, 0, 1000) != version)
+        root.fail("version", "this program knows version " + std::to_string(version));
+    out.light_function = root.string("light_function");
+    for (TomlReader& reader : root.children("fragment")) {
+        FragmentAttribute attribute;
+        attribute.name = reader.string("name");
+        attribute.value = short_form(reader, "domain", manifest);
+        attribute.value.name = attribute.name;
+        attribute.source = reader.choice("from", "", {"normal", "position", "eye"});
+        reader.finish();
+        out.fragment.push_back(attribute);
+    }
+    const Struct* light = manifest.find_struct("Light");
+    for (TomlReader& reader : root.children("light")) {
+        LightKind kind{reader.string("kind"), reader.strings("members")};
+        for (const std::string& name : kind.members)
+            if (!light || std::none_of(light->members.begin(), light->members.end(),
+                                       [&](const Value& member) { return member.name == name; }))
+                reader.fail("members", "a Light has no member " + name);
+        reader.finish();
+        out.lights.push_back(kind);
+    }
+    root.finish();
+    return out;
+}
+
+/// The width of each column's whole: "m.kd" -> 3.
+std::map<std::string, int> widths_of(const std::vector<Column>& columns) {
+    std::map<std::string, int> out;
+    for (const Column& column : columns) out[column.path] = column.width;
+    return out;
+}
+
+std::string names_of(const std::vector<Column>& columns) {
+    std::string out;
+    for (const Column& column : columns)
+        if (column.index == 0) out += (out.empty() ? "" : ", ") + column.path;
+    return out;
+}
+
+std::vector<Gate> read_gates(TomlReader& reader, const Function& function, const Manifest& manifest) {
+    std::vector<Gate> out;
+    const toml::node* node = reader.find("gates");
+    if (!node) return out;
+    if (!node->is_array()) reader.fail("gates", "must be an array of { column = value }");
+    const std::vector<Column> columns = manifest.columns(function.arguments);
+    const std::map<std::string, int> widths = widths_of(columns);
+    for (const toml::node& entry : *node->as_array()) {
+        if (!entry.is_table()) reader.fail("gates", "must be an array of { column = value }");
+        Gate gate;
+        for (const auto& [key, value] : *entry.as_table()) {
+            const std::string path(key.str());
+            const auto width = widths.find(path);
+            if (width == widths.end()) reader.fail("gates", path + " is no column; there is " + names_of(columns));
+            if (const auto* other = value.as_string()) {
+                const auto found = widths.find(other->get());
+                if (found == widths.end() || found->second != width->second)
+                    reader.fail("gates", path + " = " + other->get() + ": there is no such column, or it is not as wide");
+                gate.emplace_back(path, other->get());
+                continue;
+            }
+            std::vector<double> numbers;
+            if (const toml::array* array = value.as_array()) {
+                for (const toml::node& number : *array) numbers.push_back(number.value<double>().value_or(NAN));
+            } else {
+                numbers.push_back(value.value<double>().value_or(NAN));
+            }
+            const bool finite = std::all_of(numbers.begin(), numbers.end(), [](double v) { return std::isfinite(v); });
+            if (int(numbers.size()) != width->second || !finite)
+                reader.fail("gates", path + " needs " + std::to_string(width->second) + " numbers");
+            if (value.is_array())
+                gate.emplace_back(path, numbers);
+            else
+                gate.emplace_back(path, numbers[0]);
+        }
+        out.push_back(gate);
+    }
+    return out;
+}
+
+void read_functions(TomlReader& root, const std::string& file, Manifest& manifest) {
+    for (TomlReader& reader : root.children("function")) {
+        Function function;
+        function.name = reader.string("name");
+        for (const Function& earlier : manifest.functions)
+            if (earlier.name == function.name) reader.fail("name", function.name + " is declared twice");
+        function.arguments = read_values(reader, "arguments", file, manifest);
+        function.returns = reader.string("returns");
+        if (!columns_of_type.count(function.returns) && !manifest.find_struct(function.returns))
+            reader.fail("returns", "unknown type \"" + function.returns + "\"");
+        function.slide = reader.string("slide", "");
+        function.summary = reader.string("summary", "");
+        function.points = reader.number("points", 0, Range{0});
+        function.gates = read_gates(reader, function, manifest);
+        reader.finish();
+        manifest.functions.push_back(function);
+    }
+}
+
+/// What the framework cannot give, no model may ask for.
+void check_models(TomlReader& root, const Manifest& manifest) {
+    const Interface& interface = manifest.interface;
+    const Function* light = manifest.find_function(interface.light_function);
+    const Struct* incident = light ? manifest.find_struct(light->returns) : nullptr;
+    for (const Function& model : manifest.functions) {
+        if (!model.is_model()) continue;
+        if (!incident)
+            root.fail("function", model.name + " is a model, and models need " + interface.light_function +
+                                      ": declare it, or list an assignment that does under given");
+        if (!manifest.find_struct(model.arguments[0].type))
+            root.fail("function", model.name + ": a model's first argument is its material, a struct");
+        std::vector<std::string> known;
+        for (const FragmentAttribute& attribute : interface.fragment) known.push_back(attribute.name);
+        for (const Value& member : incident->members) known.push_back(member.name);
+        for (size_t i = 1; i < model.arguments.size(); ++i)
+            if (std::find(known.begin(), known.end(), model.arguments[i].name) == known.end())
+                root.fail("function", model.name + ": the framework has no " + model.arguments[i].name +
+                                          " to give to a model; it has " + list_of(known));
+    }
+}
+
 }  // namespace
 
 const Struct* Manifest::find_struct(const std::string& type) const {
     for (const Struct& candidate : structs)
         if (candidate.name == type) return &candidate;
     return nullptr;
+}
+
+bool LightKind::has(const std::string& member) const {
+    return std::find(members.begin(), members.end(), member) != members.end();
+}
+
+const Function* Manifest::find_function(const std::string& name) const {
+    for (const Function& function : functions)
+        if (function.name == name) return &function;
+    for (const Manifest& earlier : given)
+        if (const Function* function = earlier.find_function(name)) return function;
+    return nullptr;
+}
+
+std::vector<FragmentAttribute> Manifest::attributes(const Function& model) const {
+    std::vector<FragmentAttribute> out;
+    const Function* light = find_function(interface.light_function);
+    const auto takes = [](const Function& function, const std::string& name) {
+        return std::any_of(function.arguments.begin(), function.arguments.end(),
+                           [&](const Value& argument) { return argument.name == name; });
+    };
+    for (const FragmentAttribute& attribute : interface.fragment)
+        if (takes(model, attribute.name) || (light && takes(*light, attribute.name))) out.push_back(attribute);
+    return out;
 }
 
 const Function* Manifest::find_model(const std::string& model) const {
@@ -97,15 +274,28 @@ std::vector<Function> Manifest::models() const {
     return out;
 }
 
-int Manifest::columns(const std::string& type) const {
-    if (const auto found = columns_of_type.find(type); found != columns_of_type.end()) return found->second;
-    return columns(find_struct(type)->members);
+std::vector<Column> Manifest::columns(const std::vector<Value>& values, const std::string& prefix) const {
+    std::vector<Column> out;
+    for (const Value& value : values) {
+        const std::string path = prefix + value.name;
+        if (const Struct* s = find_struct(value.type)) {
+            const std::vector<Column> members = columns(s->members, path + ".");
+            out.insert(out.end(), members.begin(), members.end());
+            continue;
+        }
+        const int width = columns_of_type.at(value.type);
+        for (int k = 0; k < width; ++k) out.push_back({path, k, width, value.domain, value.type});
+    }
+    return out;
 }
 
-int Manifest::columns(const std::vector<Value>& values) const {
-    int sum = 0;
-    for (const Value& value : values) sum += columns(value.type);
-    return sum;
+std::vector<Column> Manifest::result_columns(const Function& function) const {
+    return columns({{"result", function.returns, 0, 0, {"range"}}});
+}
+
+int Manifest::columns(const std::string& type) const {
+    const Struct* s = find_struct(type);
+    return s ? int(columns(s->members).size()) : columns_of_type.at(type);
 }
 
 Manifest load_manifest(const std::filesystem::path& directory, const std::filesystem::path& interface) {
@@ -113,6 +303,7 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
     const toml::table shared = parse_toml(interface);
     TomlReader shared_root(shared, interface.string(), "");
     read_structs(shared_root, interface.string(), manifest);
+    manifest.interface = read_interface(shared_root, manifest);
 
     const std::filesystem::path path = directory / "assignment.toml";
     const std::string file = path.string();
@@ -120,7 +311,7 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
     TomlReader root(table, file, "");
     manifest.directory = directory;
     manifest.name = root.string("name");
-    root.string("title");
+    manifest.title = root.string("title");
     manifest.files = root.strings("files");
     const std::vector<std::string> given = root.strings("given");
     for (size_t i = 0; i < given.size(); ++i) {
@@ -132,23 +323,11 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
             if (!manifest.find_struct(earlier.name)) manifest.structs.push_back(earlier);
     }
     read_structs(root, file, manifest);
-    for (TomlReader& reader : root.children("function")) {
-        Function function;
-        function.name = reader.string("name");
-        function.arguments = read_values(reader, "arguments", file, manifest);
-        function.returns = reader.string("returns");
-        if (!columns_of_type.count(function.returns) && !manifest.find_struct(function.returns))
-            reader.fail("returns", "unknown type \"" + function.returns + "\"");
-        reader.string("slide", "");
-        reader.string("summary", "");
-        reader.number("points", 0, Range{0});
-        reader.find("gates");  // the grader's, as the points and the scenes below
-        reader.finish();
-        manifest.functions.push_back(function);
-    }
-    for (TomlReader& reader : root.children("scene")) {  // read here only to name a slip of the pen
-        reader.string("file");
-        reader.number("points", 0, Range{0});
+    read_functions(root, file, manifest);
+    check_models(root, manifest);
+    for (TomlReader& reader : root.children("scene")) {
+        const std::filesystem::path scene = std::filesystem::absolute(directory / reader.string("file"));
+        manifest.scenes.push_back({std::filesystem::weakly_canonical(scene), reader.number("points", 0, Range{0})});
         reader.finish();
     }
     root.finish();

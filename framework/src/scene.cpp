@@ -5,7 +5,8 @@
 #include <glm/gtc/matrix_transform.hpp>
 
 #include <algorithm>
-#include <map>
+#include <optional>
+#include <set>
 
 namespace shadelab {
 
@@ -49,34 +50,38 @@ glm::dvec3 read_direction(TomlReader& reader, const std::string& key) {
 }
 
 /// Adds the lights of one entry of the file: one, or a grid of equal ones that starts at its position.
-void read_light(TomlReader reader, int entry, std::vector<Light>& lights) {
+void read_light(TomlReader reader, int entry, const Interface& interface, std::vector<Light>& lights) {
     Light light;
-    const std::vector<std::string> kinds = {"point", "directional", "spot"};
-    const std::string kind = reader.choice("kind", "", kinds);
-    light.kind = LightKind(std::find(kinds.begin(), kinds.end(), kind) - kinds.begin());
+    light.entry = entry;
+    std::vector<std::string> kinds;
+    for (const LightKind& kind : interface.lights) kinds.push_back(kind.name);
+    const std::string name = reader.choice("kind", "", kinds);
+    light.kind = int(std::find(kinds.begin(), kinds.end(), name) - kinds.begin());
+    const LightKind& kind = interface.lights[size_t(light.kind)];
+    light.placed = kind.has("position");
     light.intensity = reader.vec3("intensity", Range{0, largest});
-    if (light.kind != LightKind::directional) {
-        light.position = reader.vec3("position", Range{-largest, largest});
+    if (light.placed) light.position = reader.vec3("position", Range{-largest, largest});
+    if (kind.has("attenuation")) {
         light.attenuation = reader.vec3("attenuation", light.attenuation, Range{0, largest});
         if (light.attenuation == glm::dvec3(0))
             reader.fail("attenuation", "must not be all zero: the light would be infinite");
     }
-    if (light.kind != LightKind::point) light.direction = read_direction(reader, "direction");
-    if (light.kind == LightKind::spot) {
+    if (kind.has("direction")) light.direction = read_direction(reader, "direction");
+    if (kind.has("falloff")) {
         light.falloff = glm::radians(reader.number("falloff", Range{0, 90, true}));
         light.hotspot = glm::radians(reader.number("hotspot", Range{0, 90}));
         if (light.hotspot > light.falloff) reader.fail("hotspot", "must not be wider than falloff");
     }
     int columns = 1, rows = 1;
     glm::dvec3 across(0), up(0);
-    if (light.kind != LightKind::directional)
+    if (light.placed)
         if (auto grid = reader.optional_child("grid")) {
             columns = grid->integer("columns", 1, 1, 1000);
             rows = grid->integer("rows", 1, 1, 1000);
             across = grid->vec3("across", across, Range{-largest, largest});
             up = grid->vec3("up", up, Range{-largest, largest});
             grid->finish();
-            light.grid = entry;
+            light.grid = true;
         }
     reader.finish();
     const glm::dvec3 first = light.position;
@@ -106,6 +111,7 @@ Material read_material(const std::string& name, TomlReader reader, const Manifes
             material.parameters.insert(material.parameters.end(), values.begin(), values.end());
         }
     }
+    for (const Column& column : manifest.columns({function.arguments[0]})) material.columns.push_back(column.name());
     reader.finish();
     return material;
 }
@@ -157,7 +163,7 @@ void move_near(Scene& scene) {
     scene.camera.eye -= target;
     scene.camera.target = glm::dvec3(0);
     for (Light& light : scene.lights)
-        if (light.kind != LightKind::directional) light.position -= target;
+        if (light.placed) light.position -= target;
     for (Object& object : scene.objects) object.to_world[3] -= glm::dvec4(target, 0);
 }
 
@@ -174,6 +180,16 @@ std::vector<double> Light::flatten() const {
             attenuation.x, attenuation.y, attenuation.z, hotspot,     falloff};
 }
 
+std::vector<std::string> scene_models(const std::filesystem::path& file) {
+    const toml::table table = parse_toml(file);
+    std::set<std::string> out;
+    if (const toml::table* materials = table["material"].as_table())
+        for (const auto& [name, material] : *materials)
+            if (const auto model = material.is_table() ? (*material.as_table())["model"].value<std::string>() : std::nullopt)
+                out.insert(*model);
+    return {out.begin(), out.end()};
+}
+
 Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
     const toml::table table = parse_toml(file);
     TomlReader root(table, file.string(), "");
@@ -181,8 +197,10 @@ Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
     scene.file = file;
     if (auto film = root.optional_child("film")) scene.film = read_film(*film);
     scene.camera = read_camera(root.child("camera"));
+    for (const LightKind& kind : manifest.interface.lights) scene.light_kinds.push_back(kind.name);
     int entry = 0;
-    for (TomlReader& reader : root.children("light")) read_light(reader, entry++, scene.lights);
+    for (TomlReader& reader : root.children("light"))
+        read_light(reader, entry++, manifest.interface, scene.lights);
     for (auto& [name, reader] : root.named_children("material"))
         scene.materials.push_back(read_material(name, reader, manifest));
     for (TomlReader& reader : root.children("object"))

@@ -9,6 +9,12 @@
 
 namespace shadelab {
 
+/// An array that a model names: a component of what a fragment holds, or a member of the material.
+struct BatchColumn {
+    enum Source { normal, position, eye, material } source;
+    int component;  ///< of a material: the place in DrawnObject::constants
+};
+
 /// One object as the stages see it. Its vertices and triangles are numbered over the whole scene, from first_* on.
 template <class Real>
 struct DrawnObject {
@@ -26,6 +32,8 @@ struct DrawnObject {
 
     const plugin::Model<Real>* model = nullptr;
     std::vector<Real> material;
+    std::vector<BatchColumn> columns;  ///< what the model takes of a batch, in its order
+    std::vector<Real> constants;       ///< a batch's array for each column that is a member of the material
     std::vector<glm::vec<3, Real>> lights_within;  ///< positions of the lights inside of its bounding box
     std::vector<std::array<Real, 12>> colour;      ///< Gouraud: total, ambient, diffuse, specular at each vertex
 };

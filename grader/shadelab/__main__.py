@@ -1,4 +1,4 @@
-from shadelab.cli.commands import main
+from shadelab.cli.app import main
 
 if __name__ == "__main__":
     main()

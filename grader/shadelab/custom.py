@@ -26,7 +26,6 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -39,16 +38,14 @@ import tomli_w
 from shadelab.course.assignment import Assignment, Scene, flat_rows, load_assignment, named_arrays
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.evidence.runners import CppRunner, Draw, Evaluate, GlslRunner, Output, Task
-from shadelab.grading.customrun import Job, Verdict
-from shadelab.grading.grade import Plan, grade, plan_checks
-from shadelab.machine.build import FUNCTIONS, BuildError, Recipe
-from shadelab.machine.sandbox import OUTPUT_KEPT, Limits, Sandbox
-from shadelab.paths import RENDER, SOLUTION
+from shadelab.grading.grade import grade
+from shadelab.grading.plan import Plan
+from shadelab.grading.planning import plan_checks
+from shadelab.grading.session import Job, Verdict
+from shadelab.paths import SOLUTION
 from shadelab.result import Check, Result
-from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, missing_meshes, with_callees
+from shadelab.truth.expected import CHANNELS, Expected
 
-STUDENT_SECONDS = 60.0  # of one check; each single run has its own limit besides
 LINES, LENGTH = 5, 1000  # of a message
 LAYERS = ("total", "ambient", "diffuse", "specular")
 
@@ -65,7 +62,7 @@ class Waits(Exception):
         self.needs = needs
 
 
-class Known:
+class Course:
     """The fixture `expected`, and the assignment's scenes."""
 
     def __init__(self, assignment: Assignment, data: Expected) -> None:
@@ -94,53 +91,54 @@ class Known:
         raise UserError(f"{name}: {self.assignment.name} has no such scene; it has {known}")
 
     def scene(self, name: str) -> dict[str, Any]:
-        file = self.find(name).file
+        file = self.find(
+            name
+        ).file  # whoever asks may change it and have it drawn: so the file, and no description of it
         content = read_toml(file)
         for entry in content.get("object", []):
             entry["mesh"] = str((file.parent / entry["mesh"]).resolve())
         return content
 
 
-class Student:
-    """What a check asks of the submission."""
+class Submission:
+    """What a check asks of the submission: the grader runs it (grading/session.py)."""
 
-    def __init__(self, job: Job, known: Known) -> None:
-        self.job, self.backend, self.folder, self.known = job, job.backend, Path(job.folder), known
-        self.sandbox = Sandbox(self.folder / "sandbox")
+    def __init__(self, job: Job, course: Course) -> None:
+        self.job, self.backend, self.folder, self.course = job, job.backend, Path(job.folder), course
         self.written = 0
-        self.begin()
-
-    def begin(self) -> None:
-        """Of one check."""
-        self.seconds, self.printed = 0.0, ""
+        self.hears = os.fdopen(job.hears)
 
     def say(self, **entry: Any) -> None:
-        os.write(self.job.results, json.dumps(entry).encode() + b"\n")
+        os.write(self.job.says, json.dumps(entry).encode() + b"\n")
+
+    def ask(self, **question: Any) -> np.ndarray:
+        self.say(**question)
+        answer = json.loads(self.hears.readline())
+        if "waits" in answer:
+            raise Waits(answer["waits"])
+        if "wrong" in answer:
+            raise Wrong(answer["wrong"])
+        if "fault" in answer:
+            raise (UserError if answer["user"] else InfrastructureError)(answer["fault"])
+        return np.load(answer["array"], allow_pickle=False)
 
     def evaluate(self, function: str, inputs: dict[str, np.ndarray] | np.ndarray) -> np.ndarray | dict[str, np.ndarray]:
-        assignment = self.known.assignment
-        declared = assignment.function(function)
-        self._refuse_hung({function})
-        columns = assignment.input_columns(declared)
+        columns = self.course.assignment.function(function).inputs
         rows = flat_rows(columns, inputs) if isinstance(inputs, dict) else np.asarray(inputs, np.float32)
         if rows.ndim != 2 or rows.shape[1] != len(columns):
             raise UserError(f"{function} takes (N, {len(columns)}) numbers, not {rows.shape}")
-        output = self._run(Evaluate(declared, rows), FUNCTIONS)
-        if output.array is None:
-            raise Wrong(f"{function} {output.failure}")
-        return self.known.named(function, output.array)
+        file = self.folder / "rows.npy"
+        np.save(file, rows)
+        return self.course.named(function, self.ask(ask="evaluate", function=function, rows=str(file)))
 
     def render(self, scene: str | Path | dict[str, Any], layer: str = "total") -> np.ndarray:
         if layer not in LAYERS:
             raise UserError(f"{layer}: there is no such layer; there is {', '.join(LAYERS)}")
         if isinstance(scene, str):
-            one = self.known.find(scene)
+            array = self.ask(ask="render", scene=self.course.find(scene).name)
         else:
             file = self._write(scene) if isinstance(scene, dict) else scene.resolve()
-            one = Scene(file.stem, file, 0.0)
-        array, failure = self._drawn(one) if isinstance(scene, str) else self._draw(one, None)
-        if array is None:
-            raise Wrong(f"{one.name}: the render {failure}")
+            array = self.ask(ask="render", file=str(file))
         return np.array(array[..., CHANNELS[layer]])
 
     def _write(self, scene: dict[str, Any]) -> Path:
@@ -149,107 +147,38 @@ class Student:
         file.write_text(tomli_w.dumps(scene))
         return file
 
-    def _drawn(self, scene: Scene) -> tuple[np.ndarray | None, str | None]:
-        """One of the assignment's scenes: the grading may have drawn it."""
-        if scene.name in self.job.drawn:
-            return np.load(self.job.drawn[scene.name], allow_pickle=False), None
-        if scene.name in self.job.undrawn:
-            return None, self.job.undrawn[scene.name]
-        return self._draw(scene, self.known.data)
 
-    def _draw(self, scene: Scene, data: Expected | None) -> tuple[np.ndarray | None, str | None]:
-        if missing := missing_meshes(scene):
-            raise InfrastructureError(f"the mesh {missing[0].name} is not on this machine")
-        # Whatever is wrong with the scene file itself shows here, before the student's code takes part.
-        loops = json.loads(self._framework("needs", scene))["loops"]
-        content, packet = read_toml(scene.file), None
-        called = {m["model"] for m in content.get("material", {}).values()} | {"incident_light"}
-        self._refuse_hung(with_callees(called, self.known.data.facts.calls))
-        if self.backend == "glsl" and data is not None:
-            packet = data.packet(scene, self.known.assignment)
-        elif self.backend == "glsl":
-            packet = self.folder / f"{scene.name}.packet"
-            self._framework("packet", scene, "--terms", "-o", str(packet))
-        loops = sorted({*self.known.data.facts.loops, *loops})  # as the grading has compiled them, if these suffice
-        output = self._run(Draw(scene, packet), Recipe(functions=False, loops=tuple(loops)))
-        size = (content["film"]["height"], content["film"]["width"], TERM_CHANNELS)
-        if output.array is not None and output.array.shape != size:
-            return None, f"gave an image of another size: {output.array.shape}"
-        return output.array, output.failure
-
-    def _framework(self, command: str, scene: Scene, *options: str) -> str:
-        """Without the student's code."""
-        limits = Limits(seconds=30)
-        arguments = [command, str(scene.file), "--assignment", self.job.assignment, *options]
-        outcome = Sandbox(self.folder / "own", output_kept=1 << 20).run([str(RENDER), *arguments], limits)
-        if not outcome.ok:
-            raise UserError(outcome.stderr.strip() or f"{scene.name}: {outcome.explain(limits)}")
-        return outcome.stdout.decode()
-
-    def _run(self, task: Task, recipe: Recipe) -> Output:
-        with self._students_time():
-            submission = Path(self.job.submission)
-            try:
-                if self.backend == "cpp":
-                    runner = CppRunner(self.known.assignment, self.sandbox, recipe)
-                    runner.build(submission)  # mostly there already: equal plugins are compiled once
-                else:
-                    runner = GlslRunner(self.known.assignment, self.sandbox)
-                    runner.take(submission)
-            except BuildError as error:
-                raise Wrong(error.message) from None
-            [(_, output)] = runner.run([task])
-        self.seconds += output.seconds
-        self.printed = (self.printed + output.printed)[:OUTPUT_KEPT]
-        return output
-
-    @contextmanager
-    def _students_time(self) -> Iterator[None]:
-        """It does not count as the check's."""
-        if self.seconds > STUDENT_SECONDS:
-            raise Wrong(f"your code took more than {STUDENT_SECONDS:g} s in this check")
-        self.say(busy=True)
-        try:
-            yield
-        finally:
-            self.say(busy=False)
-
-    def _refuse_hung(self, functions: set[str]) -> None:
-        if waits := [f"{self.backend}/function/{name}" for name in self.job.hung if name in functions]:
-            raise Waits(waits)
+@pytest.fixture
+def submission(request: pytest.FixtureRequest) -> Submission:
+    return request.config.stash[_submission]
 
 
 @pytest.fixture
-def student(request: pytest.FixtureRequest) -> Student:
-    return request.config.stash[_student]
+def evaluate(submission: Submission) -> Callable:
+    return submission.evaluate
 
 
 @pytest.fixture
-def evaluate(student: Student) -> Callable:
-    return student.evaluate
+def render(submission: Submission) -> Callable:
+    return submission.render
 
 
 @pytest.fixture
-def render(student: Student) -> Callable:
-    return student.render
+def expected(submission: Submission) -> Course:
+    return submission.course
 
 
 @pytest.fixture
-def expected(student: Student) -> Known:
-    return student.known
+def scene(submission: Submission) -> Callable:
+    return submission.course.scene
 
 
 @pytest.fixture
-def scene(student: Student) -> Callable:
-    return student.known.scene
+def backend(submission: Submission) -> str:
+    return submission.backend
 
 
-@pytest.fixture
-def backend(student: Student) -> str:
-    return student.backend
-
-
-_student = pytest.StashKey[Student]()
+_submission = pytest.StashKey[Submission]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -262,9 +191,9 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "points(number): what a custom check is worth, half of it in each language")
     if file := config.getoption("--shadelab-job"):
         job = Job(**json.loads(file.read_text()))
-        known = Known(load_assignment(Path(job.assignment)), Expected(Path(job.expected)))
-        config.stash[_student] = Student(job, known)
-        config.pluginmanager.register(_Child(config.stash[_student]))
+        course = Course(load_assignment(Path(job.assignment)), Expected(Path(job.expected)))
+        config.stash[_submission] = Submission(job, course)
+        config.pluginmanager.register(_Child(config.stash[_submission]))
     else:
         config.pluginmanager.register(_Session(config.getoption("--submission")))
 
@@ -273,24 +202,25 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class _Child:
-    """Tells the grader of each check at once (customrun.py)."""
+    """Tells the grader of each check at once (session.py)."""
 
-    def __init__(self, student: Student) -> None:
-        self.student = student
+    def __init__(self, submission: Submission) -> None:
+        self.submission = submission
         self.verdict: Verdict | None = None
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         if report.failed:
             lines = [line[1:].strip() for line in str(report.longrepr).splitlines() if line.startswith("E ")]
-            self.student.say(broken=_clean(f"{Path(report.nodeid).name}: {lines[-1] if lines else 'cannot be loaded'}"))
+            self.submission.say(
+                broken=_clean(f"{Path(report.nodeid).name}: {lines[-1] if lines else 'cannot be loaded'}")
+            )
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items[:] = [item for item in items if item.name.removeprefix("test_") in self.student.job.checks]
+        items[:] = [item for item in items if item.name.removeprefix("test_") in self.submission.job.checks]
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        self.student.begin()
         self.verdict = Verdict(nodeid.split("::")[-1].removeprefix("test_"), "passed")
-        self.student.say(begin=self.verdict.check)
+        self.submission.say(begin=self.verdict.check)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo) -> Any:
@@ -299,8 +229,7 @@ class _Child:
             _judge(self.verdict, item, call)
         self.verdict.seconds += call.duration
         if call.when == "teardown":
-            self.verdict.printed = self.student.printed
-            self.student.say(**asdict(self.verdict))
+            self.submission.say(**asdict(self.verdict))
         return report
 
 

@@ -9,6 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel
 
+from shadelab.errors import UserError
+from shadelab.paths import shown
+
 SCHEMA = "shadelab/result/1"
 FRAMES = 3  # of which a Point's time is the median
 
@@ -97,3 +100,15 @@ class Result(BaseModel):
         temporary = file.with_name(file.name + ".part")
         temporary.write_text(self.to_json())
         os.replace(temporary, file)
+
+
+def load_result(folder: Path) -> Result:
+    """result.json of a graded folder. Raises UserError."""
+    file = folder / "result.json"
+    try:
+        data = json.loads(file.read_text())
+        return Result(schema_=data.pop("schema"), **data)
+    except FileNotFoundError:
+        raise UserError(f"{shown(file)}: cannot be read; give a folder that `grade` wrote to with --out") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{shown(file)}: is no result of this version: {str(error).splitlines()[0]}") from None

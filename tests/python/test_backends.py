@@ -10,7 +10,9 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
-from shadelab.evidence.runners import CppRunner, Draw, GlslRunner
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import Draw
 from shadelab.gl.context import try_ways
 from shadelab.judge.findings import image_limit
 from shadelab.machine.sandbox import Sandbox

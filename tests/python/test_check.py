@@ -13,7 +13,7 @@ from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
 from shadelab.errors import UserError
 from shadelab.grading.grade import grade
-from shadelab.machine.build import glue_folder
+from shadelab.machine.glue import glue_folder
 from shadelab.prove import check as checking
 from shadelab.prove import mutants as mutating
 from shadelab.prove.check import _judge

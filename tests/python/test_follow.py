@@ -123,7 +123,7 @@ def test_calls_are_found_with_their_arguments(reference):
     lobe, rows = lobe_rows()
     calls = reference.calls(lobe, rows)
     assert set(calls) == {"half_vector"} and calls["half_vector"].dtype == np.float32
-    values = named_arrays(PHONG.input_columns(lobe), rows)
+    values = named_arrays(lobe.inputs, rows)
     above = np.sum(values["n"] * values["l"], axis=1) > 0  # the gate stands before the call
     asked = np.unique(np.hstack([values["l"], values["v"]])[above].astype(np.float32), axis=0)
     np.testing.assert_array_equal(np.unique(calls["half_vector"], axis=0), asked)

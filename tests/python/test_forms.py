@@ -8,7 +8,8 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.errors import UserError
-from shadelab.evidence.runners import CppRunner, Evaluate
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.tasks import Evaluate
 from shadelab.machine.build import FUNCTIONS, Recipe
 from shadelab.machine.sandbox import Sandbox
 from shadelab.study.declaration import load_study, sub_model

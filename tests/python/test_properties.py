@@ -95,7 +95,7 @@ def test_a_damaged_mesh_is_read_or_refused_in_one_line(text, normals):
 
 @given(st.integers(1, 20), st.integers(0, 2**32 - 1))
 def test_rows_and_named_arrays_are_each_others_inverse(count, seed):
-    columns = PHONG.input_columns(PHONG.function("phong"))
+    columns = PHONG.function("phong").inputs
     rows = np.random.default_rng(seed).normal(size=(count, len(columns))).astype(np.float32)
     named = named_arrays(columns, rows)
     assert named["m.kd"].shape == (count, 3) and named["m.q"].shape == (count,)

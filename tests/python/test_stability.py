@@ -119,7 +119,7 @@ def table(truth, rising=(), swapped=(), rows=None):
 def verdict(made, actual, driver=0.0, reciprocal=None):
     lobe = PHONG.function("blinn_lobe")
     out = judge(
-        PHONG.input_columns(lobe), PHONG.output_columns(lobe), made, np.array(actual)[:, None], driver, reciprocal
+        lobe.inputs, lobe.outputs, made, np.array(actual)[:, None], driver, reciprocal
     )
     return [(fault.row, fault.kind) for fault in out.faults]
 
@@ -169,7 +169,7 @@ def test_tables_reach_the_ends_of_the_domains(assignment):
     expected = load(assignment)
     for function in assignment.functions:
         made = expected.stable_table(function)
-        for k, column in enumerate(assignment.input_columns(function)):
+        for k, column in enumerate(function.inputs):
             if column.domain.kind == "range" and column.domain.type != "int" and column.domain.range:
                 low, high = column.domain.range
                 values = made.rows[:, k].astype(float)

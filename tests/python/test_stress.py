@@ -13,7 +13,8 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import Scene, load_assignment
-from shadelab.evidence.runners import Draw, GlslRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import Draw
 from shadelab.gl.packet import Packet
 from shadelab.judge.findings import FULL_MARKS, image_limit, violating_share
 from shadelab.machine.build import Plugin, Recipe, build_plugin

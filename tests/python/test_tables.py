@@ -18,7 +18,7 @@ REAL = {"range": [0.0, 1.0], "typical": [0.1, 0.9]}
 def table_of(**declared):
     function = Function(name="made_up", returns="Real", **declared)
     rows = make_table(PHONG, function, 1)
-    return function, rows, named_arrays(PHONG.input_columns(function), rows)
+    return function, rows, named_arrays(function.inputs, rows)
 
 
 def test_directions_near_the_opposite_of_an_axis():
@@ -78,7 +78,7 @@ def test_tables_also_hold_what_scenes_ask(name):
     assert not without & callees
     assert sum(f.graded and f.name in without for f in assignment.functions) <= 1, without
     for function in assignment.functions:
-        columns = named_arrays(assignment.input_columns(function), recorded[function.name])
+        columns = named_arrays(function.inputs, recorded[function.name])
         for value in function.values:
             if value.domain.kind in ("unit", "upper") and len(recorded[function.name]):
                 np.testing.assert_allclose(np.linalg.norm(columns[value.name], axis=1), 1, atol=1e-5)

@@ -9,7 +9,8 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import load_changes
-from shadelab.evidence.runners import Draw, Evaluate, GlslRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import Draw, Evaluate
 from shadelab.grading.grade import grade
 from shadelab.judge.findings import (
     FACTOR,

@@ -5,7 +5,6 @@
 
 #include <shadelab/scene.hpp>
 
-#include <array>
 #include <string>
 #include <vector>
 
@@ -37,6 +36,7 @@ struct Features {
     bool normal_fallback = false;    ///< also where no triangle's normals can cancel
     std::vector<int> lights;         ///< indices of the scene's lights that can add anything
     std::vector<int> materials;      ///< indices of the materials that an object uses
+    std::vector<FragmentAttribute> attributes;  ///< what the models that are drawn take of a fragment
     std::vector<std::string> loops;  ///< MODEL_KIND: the shading loops to compile, e.g. "phong_point"
     std::vector<Decision> decisions;
 

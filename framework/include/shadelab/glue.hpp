@@ -1,6 +1,7 @@
 #pragma once
 // Code in both languages that stands between the renderer and a student's file, generated from the manifest: the structs, the
-// prototypes, the batch kernels of the C++ plugin and the main functions of the shaders.
+// prototypes, the batch kernels of the C++ plugin and the main functions of the shaders. What does not depend on a manifest stands
+// in files with gaps: framework/glue (C++) and framework/glsl.
 
 #include <shadelab/features.hpp>
 #include <shadelab/manifest.hpp>
@@ -14,24 +15,19 @@ namespace shadelab {
 /// #line, so that a line number in the compiler's message tells which text it means: the student's lines count from 1.
 inline constexpr int prelude_first_line = 1'000'001, main_first_line = 2'000'001;
 
-/// <shadelab/assignment.hpp>: the structs. No prototypes: a student may take arguments by value or by reference.
-std::string cpp_assignment_header(const Manifest& manifest);
-/// The plugin's one translation unit; it includes `student_file` (as written, relative to the compiler's -I or working folder).
-std::string cpp_glue(const Manifest& manifest, const std::string& student_file);
+/// Writes below `out`: assignment.json (describe.hpp), shadelab/assignment.hpp (the structs), prelude.hpp, glue.cpp (a plugin's one
+/// translation unit), follow.hpp, prelude.glsl, and evaluate/FUNCTION.glsl (main() that evaluates one function over a table).
+void write_glue(const Manifest& manifest, const std::filesystem::path& framework, const std::filesystem::path& out);
 
-/// For plugins with -DSHADELAB_FOLLOW: of each function f a wrapper f_followed, which asks for a recorded result first.
-std::string cpp_follow_header(const Manifest& manifest);
+/// What stands before a student's GLSL: the counterpart of shading.hpp, the structs, the prototypes, the code of given assignments.
+std::string glsl_prelude(const Manifest& manifest, const std::filesystem::path& framework);
 
-/// `shading_glsl`: the text of the framework's shading.glsl, which opens the prelude.
-std::string glsl_prelude(const Manifest& manifest, const std::string& shading_glsl);
-/// main() that evaluates one function over a table in texture `rows` (the layout stands in glue.cpp).
-std::string glsl_evaluate_main(const Manifest& manifest, const Function& function);
-/// main() of the fragment (or, for Gouraud objects, vertex) shader that shades with `model` under the scene's lights.
+/// The main functions of a program.
 struct ShaderMains {
     std::string vertex, fragment;
-    bool
-        student_in_vertex;  ///< the prelude and the student's file belong to the vertex shader instead of the fragment shader
+    enum Stage { neither, vertex_stage, fragment_stage } student;  ///< where prelude and student's file stand before the main
 };
+
 /// Up to so many lights stand one by one in the shader, each with uniforms and a kind of its own. More come from a texture, in a
 /// loop for each kind: llvmpipe draws a light up to half as long again (0.19 to 0.25 instead of 0.17 ms), and compiles all of them
 /// in half a second instead of 0.11 s each. (A loop with a constant bound is no third way: it is unrolled.)
@@ -44,15 +40,12 @@ inline constexpr int lights_per_line = 256, texels_per_light = 4;
 /// The scene's lights that can add anything, in the order of the shader: grouped by kind when a texture holds them.
 std::vector<int> glsl_lights(const Scene& scene, const Features& features);
 
-ShaderMains glsl_shade_mains(const Manifest& manifest, const Scene& scene, const Features& features,
-                             const Function& model, Interpolation interpolation, bool normals_can_cancel);
+ShaderMains glsl_shade_mains(const Manifest& manifest, const std::filesystem::path& framework, const Scene& scene,
+                             const Features& features, const Function& model, Interpolation interpolation,
+                             bool normals_can_cancel);
 /// The mains of the pass that draws id, depth, normal and position; no student code is in it.
-ShaderMains glsl_geometry_mains(bool normals_can_cancel);
+ShaderMains glsl_geometry_mains(const std::filesystem::path& framework, bool normals_can_cancel);
 /// The mains of the pass that draws depth and nothing else.
-ShaderMains glsl_depth_mains();
-
-/// Writes shadelab/assignment.hpp, glue.cpp, prelude.glsl and evaluate/FUNCTION.glsl below `out`.
-void write_glue(const Manifest& manifest, const std::filesystem::path& include_folder,
-                const std::filesystem::path& out);
+ShaderMains glsl_depth_mains(const std::filesystem::path& framework);
 
 }  // namespace shadelab

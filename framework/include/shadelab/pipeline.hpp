@@ -66,7 +66,10 @@ struct FragmentBatch {
     int count = 0;
     int pixel[capacity];                 ///< index into the film
     float weight[capacity];              ///< share of the pixel's samples that it covers
-    alignas(64) Real in[9][capacity];    ///< n.xyz, x.xyz, v.xyz
+    // What interface.toml's attributes come from; a model is handed the arrays that it names.
+    alignas(64) Real normal[3][capacity];
+    alignas(64) Real position[3][capacity];
+    alignas(64) Real eye[3][capacity];   ///< the unit vector to it
     alignas(64) Real out[12][capacity];  ///< total, ambient, diffuse, specular
 };
 

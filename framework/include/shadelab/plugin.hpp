@@ -7,25 +7,31 @@
 
 namespace shadelab::plugin {
 
-inline constexpr int abi_version = 1;
-inline constexpr int light_kinds = 3;
+inline constexpr int abi_version = 2;
 inline constexpr const char* symbol = "shadelab_plugin";
 
-/// One batch of fragments, structure of arrays. `in`: n.xyz, x.xyz (world position), v.xyz. `out`: total.rgb and, in a plugin
-/// with terms, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
+/// One batch of fragments, structure of arrays. `in`: one array for each of the model's columns, in its order. `out`: total.rgb and,
+/// in a plugin with terms, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
 template <class Real>
 struct Batch {
     int count;
-    const Real* in[9];
-    Real* out[12];
+    const Real* const* in;
+    Real* const* out;
 };
+
+template <class Real>
+using Shade = void (*)(const Batch<Real>& batch, const Real* material, const Real* light);
 
 template <class Real>
 struct Model {
     const char* name;
-    /// One entry per light kind (0 point, 1 directional, 2 spot), so that no branch on the kind stands in the loop. Null: the
-    /// plugin was compiled for scenes that do not need it.
-    void (*shade[light_kinds])(const Batch<Real>& batch, const Real* material, const Real* light);
+    /// What its loops read of each fragment: "n.x", as interface.toml declares it, or a member of the material that is not the same
+    /// everywhere, "m.kd.x" (compiled with -DSHADELAB_COLUMN_<model>_<member>).
+    int column_count;
+    const char* const* columns;
+    /// One for each kind of light, so that no branch on the kind stands in the loop. Null: the plugin was compiled for scenes that
+    /// do not need it.
+    const Shade<Real>* shade;
 };
 
 template <class Real>
@@ -39,8 +45,9 @@ struct Function {
 template <class Real>
 struct Table {
     int version;
-    int real_size;  ///< sizeof(Real); checked before anything else is read
-    int terms;      ///< 1: compiled with -DSHADELAB_TERMS=1, so that it gives the single terms beside the total
+    int real_size;    ///< sizeof(Real); checked before anything else is read
+    int terms;        ///< 1: compiled with -DSHADELAB_TERMS=1, so that it gives the single terms beside the total
+    int light_kinds;  ///< how many a model has loops for
     int model_count, function_count;
     const Model<Real>* models;
     const Function<Real>* functions;

@@ -12,7 +12,6 @@
 
 namespace shadelab {
 
-enum class LightKind { point = 0, directional = 1, spot = 2 };
 enum class Normals { smooth, flat, file };
 enum class Interpolation { phong, gouraud };
 
@@ -32,11 +31,13 @@ struct Camera {
 };
 
 struct Light {
-    LightKind kind;
+    int kind = 0;        ///< its number among the kinds that interface.toml declares
+    bool placed = true;  ///< it has a position
     glm::dvec3 position{0}, direction{0, -1, 0};  ///< direction: unit, the way the light travels
     glm::dvec3 intensity{0}, attenuation{1, 0, 0};
     double hotspot = 0, falloff = 0;  ///< half-angles, radians
-    int grid = -1;  ///< lights of one grid have the number of their entry in the file: they differ in position alone
+    int entry = 0;      ///< of the file; lights of one entry differ in position alone
+    bool grid = false;  ///< it is one of a grid
 
     /// The members in the order of the Light struct of interface.toml, as plugins and shaders take them.
     std::vector<double> flatten() const;
@@ -44,7 +45,8 @@ struct Light {
 
 struct Material {
     std::string name, model;
-    std::vector<double> parameters;  ///< the members of the model's struct, flattened in the manifest's order
+    std::vector<double> parameters;    ///< the members of the model's struct, flattened in the manifest's order
+    std::vector<std::string> columns;  ///< their names: "m.kd.x"; m is what the model calls its material
 };
 
 struct Object {
@@ -65,10 +67,14 @@ struct Scene {
     glm::dvec3 origin{0};
     FilmSettings film;
     Camera camera;
+    std::vector<std::string> light_kinds;  ///< their names, as interface.toml declares them
     std::vector<Light> lights;
     std::vector<Material> materials;
     std::vector<Object> objects;
 };
+
+/// The models that its materials name, each once. Nothing else of the file is checked, but that it is TOML.
+std::vector<std::string> scene_models(const std::filesystem::path& file);
 
 /// Throws InputError naming file, line and key.
 Scene load_scene(const std::filesystem::path& file, const Manifest& manifest);

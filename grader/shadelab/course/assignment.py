@@ -1,28 +1,34 @@
-"""What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this."""
+"""What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this.
 
-import ast
-from collections.abc import Iterator
-from dataclasses import dataclass
+The renderer alone reads assignment.toml. What it understood stands in the glue folder (assignment.json) and is loaded here; the files that
+only the grader needs (hidden.toml, stability.toml, checks/) stand beside the manifest and are read by the modules beside this one.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from shadelab.course.hidden import Hidden, hidden_scene_files
+from shadelab.course.checks import CustomCheck, custom_checks
+from shadelab.course.hidden import Hidden, hidden_scene_files, load_hidden
 from shadelab.course.stability import Stable, load_stability
-from shadelab.course.toml_files import Declared, read_toml, validated
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.paths import FRAMEWORK, SOLUTION, shown
+from shadelab.machine import renderer
+from shadelab.machine.glue import MANIFEST, UNDERSTOOD, glue_folder
+from shadelab.paths import SOLUTION, shown
 
-# The number of columns that a value of each type flattens to.
-_widths = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}
-_types = {"unit": "vec3", "position": "vec3", "rgb": "vec3", "cosine": "Real", "angle": "Real"}
+# The number of columns that a value of each type flattens to; a struct's are its members'.
+WIDTHS = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}
 
 
-class Domain(Declared):
-    """Where an argument's values lie. `kind` is unit, upper, position, rgb, cosine, angle, range or struct."""
+@dataclass(frozen=True)
+class Domain:
+    """Where a value lies. `kind` is unit, upper, position, rgb, cosine, angle, range or struct."""
 
     kind: str = "range"
     type: str = "Real"
@@ -32,17 +38,9 @@ class Domain(Declared):
     typical: tuple[float, float] | None = None
     scale: str = "linear"
 
-    @model_validator(mode="before")
-    @classmethod
-    def _short_form(cls, data: Any) -> Any:
-        if not isinstance(data, str):
-            return data
-        if data.startswith("upper(") and data.endswith(")"):
-            base = data[6:-1]
-            return {"kind": "upper", "type": "vec3", "base": base.removeprefix("-"), "opposite": base.startswith("-")}
-        if data in _types:
-            return {"kind": data, "type": _types[data]}
-        return {"kind": "struct", "type": data}
+    @property
+    def width(self) -> int:
+        return WIDTHS[self.type]
 
 
 @dataclass(frozen=True)
@@ -51,63 +49,6 @@ class Value:
 
     name: str
     domain: Domain
-
-
-def _values(entries: list[dict[str, Domain]]) -> list[Value]:
-    return [Value(name, domain) for entry in entries for name, domain in entry.items()]
-
-
-class Struct(Declared):
-    name: str
-    members: list[dict[str, Domain]]
-
-    @property
-    def values(self) -> list[Value]:
-        return _values(self.members)
-
-
-class Function(Declared):
-    name: str
-    arguments: list[dict[str, Domain]]
-    returns: str
-    summary: str = ""
-    slide: str = ""
-    points: float = Field(0, ge=0)
-    # Rows of the table that stand on a stated edge case: column -> constant, or the name of the column that it copies.
-    gates: list[dict[str, float | list[float] | str]] = []
-
-    @property
-    def values(self) -> list[Value]:
-        return _values(self.arguments)
-
-    @property
-    def graded(self) -> bool:
-        """Without points it is a worked example, or code that students get already written."""
-        return self.points > 0
-
-    @property
-    def is_model(self) -> bool:
-        """A scene's `model = "..."` can name it (the same rule as in manifest.hpp)."""
-        return self.returns == "Terms" and bool(self.arguments)
-
-
-class SceneEntry(Declared):
-    file: str
-    points: float = Field(0, ge=0)
-
-
-class _Manifest(Declared):
-    name: str
-    title: str
-    files: list[str]
-    given: list[str] = []
-    struct: list[Struct] = []
-    function: list[Function] = []
-    scene: list[SceneEntry] = []
-
-
-class _Interface(Declared):
-    struct: list[Struct]
 
 
 @dataclass(frozen=True)
@@ -124,18 +65,59 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Struct:
+    name: str
+    values: list[Value]
+    columns: list[Column]
+
+
+@dataclass(frozen=True)
+class Function:
+    name: str
+    values: list[Value]  # its arguments
+    returns: str
+    inputs: list[Column]  # in the order in which plugins and shaders take them
+    outputs: list[Column]  # named `result` or `result.member`
+    summary: str = ""
+    slide: str = ""
+    points: float = 0.0
+    is_model: bool = False  # a scene's `model = "..."` can name it
+    # Rows of the table that stand on a stated edge case: column -> constant, or the name of the column that it copies.
+    gates: list[dict[str, float | list[float] | str]] = field(default_factory=list)
+
+    @property
+    def graded(self) -> bool:
+        """Without points it is a worked example, or code that students get already written."""
+        return self.points > 0
+
+    def columns(self, argument: str) -> list[Column]:
+        """Those of one argument."""
+        return [c for c in self.inputs if c.path.split(".")[0] == argument]
+
+
+@dataclass(frozen=True)
+class LightKind:
+    name: str
+    members: list[str]  # of Light: those that a scene file gives
+
+
+@dataclass
 class Scene:
+    """A scene file, and the folder of the assignment that declares its models."""
+
     name: str
     file: Path
-    points: float
+    assignment: Path
+    points: float = 0.0
     hidden: bool = False  # students see neither its picture nor its file
 
+    @cached_property
+    def described(self) -> renderer.Description:
+        """What the renderer understood of it; asked for once."""
+        return renderer.describe(self.file, self.assignment)
 
-class CustomCheck(NamedTuple):
-    """A pytest function in checks/test_*.py: `linearity` is test_linearity (custom.py). Points are for both languages together."""
-
-    name: str
-    points: float
+    def missing_meshes(self) -> list[Path]:
+        return self.described.missing_meshes()
 
 
 @dataclass
@@ -143,18 +125,28 @@ class Assignment:
     name: str
     title: str
     directory: Path
+    glue: Path  # what the renderer understood and generated
     files: list[str]
     given: list["Assignment"]
     structs: dict[str, Struct]
     functions: list[Function]
+    light_kinds: list[LightKind]  # numbered as in Light.kind
+    light_function: str  # what the framework calls for each light
+    models: list[str]  # what a scene's `model` may name, in given assignments, too
     public_scenes: list[Scene]
     hidden: Hidden
 
     @cached_property
+    def hidden_scenes(self) -> list[Scene]:
+        """Those drawn from hidden.toml. Their files are there once somebody has called draw_hidden_scenes."""
+        return [
+            Scene(file.stem, file, self.directory, family.points, hidden=True)
+            for file, family, _ in hidden_scene_files(self.hidden, self.directory, self.name)
+        ]
+
+    @property
     def scenes(self) -> list[Scene]:
-        """The public ones, then those drawn from hidden.toml."""
-        drawn = hidden_scene_files(self.hidden, self.directory, self.name)
-        return [*self.public_scenes, *(Scene(file.stem, file, points, hidden=True) for file, points in drawn)]
+        return [*self.public_scenes, *self.hidden_scenes]
 
     @property
     def check_files(self) -> list[Path]:
@@ -162,13 +154,12 @@ class Assignment:
 
     @cached_property
     def custom(self) -> list[CustomCheck]:
-        """By files and functions. They are read and not run: who only wants ids and points needs neither pytest nor time."""
-        out = [check for file in self.check_files for check in _custom_checks(file)]
-        names = [check.name for check in out]
-        for name in names:
-            if names.count(name) > 1:
-                raise UserError(f"{shown(self.directory / 'checks')}: two functions are called test_{name}; rename one")
-        return out
+        return custom_checks(self.check_files)
+
+    @cached_property
+    def stability(self) -> dict[str, Stable]:
+        """What stability.toml declares, by function."""
+        return load_stability(self.directory, [f.name for f in self.functions])
 
     def function(self, name: str) -> Function:
         for function in self.functions:
@@ -176,31 +167,6 @@ class Assignment:
                 return function
         known = ", ".join(f.name for f in self.functions)
         raise UserError(f"{name}: {self.name} has no such function; it has {known}")
-
-    def columns(self, values: list[Value], prefix: str = "") -> list[Column]:
-        """The columns in the order in which plugins and shaders take them."""
-        out = []
-        for value in values:
-            path = prefix + value.name
-            if value.domain.kind == "struct":
-                out += self.columns(self.structs[value.domain.type].values, path + ".")
-            else:
-                width = _widths[value.domain.type]
-                out += [Column(path, k, width, value.domain) for k in range(width)]
-        return out
-
-    def input_columns(self, function: Function) -> list[Column]:
-        return self.columns(function.values)
-
-    def output_columns(self, function: Function) -> list[Column]:
-        """Named `result` or `result.member`."""
-        kind = "struct" if function.returns in self.structs else "range"
-        return self.columns([Value("result", Domain(kind=kind, type=function.returns))])
-
-    @cached_property
-    def stability(self) -> dict[str, Stable]:
-        """What stability.toml declares, by function."""
-        return load_stability(self.directory, [f.name for f in self.functions])
 
     @property
     def points(self) -> float:
@@ -239,70 +205,48 @@ def flat_rows(columns: list[Column], arrays: dict[str, np.ndarray], dtype: type 
     return np.ascontiguousarray(np.concatenate(parts, axis=1))
 
 
+# --------------------------------------------------------------------------------------------------------- loading
+
+
 def load_assignment(directory: Path) -> Assignment:
-    file = directory / "assignment.toml"
-    manifest: _Manifest = validated(_Manifest, file)
-    interface: _Interface = validated(_Interface, FRAMEWORK / "interface.toml")
-    given = [load_assignment(directory.parent / name) for name in manifest.given]
-    structs = {s.name: s for s in interface.struct}
-    for earlier in given:
-        structs.update(earlier.structs)
-    structs.update({s.name: s for s in manifest.struct})
-    assignment = Assignment(
-        manifest.name, manifest.title, directory, manifest.files, given, structs, manifest.function,
-        [Scene(Path(s.file).stem, (directory / s.file).resolve(), s.points) for s in manifest.scene],
-        validated(Hidden, hidden) if (hidden := directory / "hidden.toml").exists() else Hidden(),
+    """Raises UserError for a manifest that is wrong."""
+    glue = glue_folder(directory)
+    told = json.loads((glue / UNDERSTOOD).read_text())
+    return Assignment(
+        told["name"], told["title"], directory, glue, told["files"],
+        [load_assignment(directory.parent / name) for name in told["given"]],
+        {s["name"]: Struct(s["name"], _values(s["members"]), _columns(s["columns"])) for s in told["structs"]},
+        [_function(f) for f in told["functions"]],
+        [LightKind(k["kind"], k["members"]) for k in told["lights"]], told["light_function"], told["models"],
+        [Scene(s["name"], Path(s["file"]), directory, s["points"]) for s in told["scenes"]],
+        load_hidden(directory),
     )  # fmt: skip
-    for function in assignment.functions:
-        _check_gates(assignment, function, file)
-        names = [v.name for v in function.values]
-        for value in function.values:
-            if value.domain.kind == "struct" and value.domain.type not in structs:
-                raise UserError(f"{shown(file)}: {function.name}.{value.name}: unknown domain {value.domain.type}")
-            if value.domain.kind == "upper" and value.domain.base not in names:
-                raise UserError(
-                    f"{shown(file)}: {function.name}.{value.name}: upper({value.domain.base}) names no argument"
-                )
-    return assignment
 
 
-def _custom_checks(file: Path) -> Iterator[CustomCheck]:
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError) as error:
-        raise UserError(f"{shown(file)}:{getattr(error, 'lineno', None) or 1}: {error.args[0]}") from None
-    for node in tree.body:
-        if not isinstance(node, ast.FunctionDef) or not node.name.startswith("test_"):
-            continue
-        points = 0.0
-        for call in (d for d in node.decorator_list if isinstance(d, ast.Call) and isinstance(d.func, ast.Attribute)):
-            where = f"{shown(file)}:{call.lineno}: {node.name}"
-            if call.func.attr == "parametrize":
-                raise UserError(f"{where}: one function is one check; loop inside of it instead of parametrize")
-            if call.func.attr == "points":
-                value = call.args[0].value if len(call.args) == 1 and isinstance(call.args[0], ast.Constant) else None
-                if type(value) not in (int, float) or call.keywords:
-                    raise UserError(f"{where}: points takes a number and nothing else, as in @pytest.mark.points(2)")
-                points = float(value)
-        yield CustomCheck(node.name.removeprefix("test_"), points)
+def _function(told: Mapping[str, Any]) -> Function:
+    same = {key: told[key] for key in ("name", "returns", "summary", "slide", "points", "gates")}
+    return Function(
+        values=_values(told["arguments"]), inputs=_columns(told["inputs"]), outputs=_columns(told["outputs"]),
+        is_model=told["model"], **same,
+    )  # fmt: skip
 
 
-def _check_gates(assignment: Assignment, function: Function, file: Path) -> None:
-    widths = {c.path: c.width for c in assignment.input_columns(function)}
-    for gate in function.gates:
-        for path, value in gate.items():
-            where = f"{shown(file)}: {function.name}.gates: {path}"
-            if path not in widths:
-                raise UserError(f"{where} is no column; there is {', '.join(widths)}")
-            if isinstance(value, str) and widths.get(value) != widths[path]:
-                raise UserError(f"{where} = {value}: there is no such column, or it is not as wide")
-            if not isinstance(value, str) and np.size(value) != widths[path]:
-                raise UserError(f"{where} needs {widths[path]} numbers")
+def _values(told: list[Mapping[str, Any]]) -> list[Value]:
+    return [Value(v["name"], _domain(v["domain"])) for v in told]
+
+
+def _columns(told: list[Mapping[str, Any]]) -> list[Column]:
+    return [Column(c["path"], c["index"], c["width"], _domain(c["domain"])) for c in told]
+
+
+def _domain(told: Mapping[str, Any]) -> Domain:
+    pairs = {key: tuple(told[key]) for key in ("range", "typical") if told.get(key) is not None}
+    return Domain(told["kind"], told["type"], told.get("base"), told["opposite"], scale=told["scale"], **pairs)
 
 
 def assignment_names() -> list[str]:
     """Those that can be graded: the ones with points."""
-    names = sorted(f.parent.name for f in SOLUTION.glob("*/assignment.toml"))
+    names = sorted(f.parent.name for f in SOLUTION.glob(f"*/{MANIFEST}"))
     return [name for name in names if load_assignment(SOLUTION / name).points > 0]
 
 
@@ -316,8 +260,8 @@ def find_assignment(submission: Path, name: str | None) -> Assignment:
         raise UserError(f"{name}: there is no such assignment; there is {', '.join(known)}")
     if not submission.is_dir():
         raise UserError(f"{shown(submission)}: there is no such folder; give the one that holds the submission")
-    if name is None and (submission / "assignment.toml").is_file():
-        declared = read_toml(submission / "assignment.toml").get("name")
+    if name is None and (submission / MANIFEST).is_file():
+        declared = read_toml(submission / MANIFEST).get("name")
         name = declared if declared in known else None
     if name is None and submission.resolve().name in known:
         name = submission.resolve().name

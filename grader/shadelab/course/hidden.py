@@ -11,6 +11,8 @@ vary = [{ key = "light[0].position", low = [-2, 2, 1], high = [2, 4, 3] }]
 import hashlib
 import os
 import re
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +20,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from shadelab.course.toml_files import Declared, read_toml
+from shadelab.course.toml_files import Declared, read_toml, validated
 from shadelab.errors import UserError
 from shadelab.paths import STATE, shown
 
@@ -49,37 +51,49 @@ class Hidden(Declared):
         return hashlib.sha256(self.seed.encode()).hexdigest()[:16] if self.family else "no hidden scenes"
 
 
+FILE = "hidden.toml"
 _step = re.compile(r"\.?([\w-]+)|\[(\d+)\]")
 
 
-def hidden_scene_files(declared: Hidden, directory: Path, assignment: str) -> list[tuple[Path, float]]:
-    """Draws the scenes of all families and writes those that are not there yet. Returns files and points.
+def load_hidden(directory: Path) -> Hidden:
+    file = directory / FILE
+    return validated(Hidden, file) if file.exists() else Hidden()
+
+
+def hidden_scene_files(declared: Hidden, directory: Path, assignment: str) -> Iterator[tuple[Path, Family, int]]:
+    """The files of all families, with the number of the scene in its family.
 
     They stand below a folder that is named by what they are made from (the seed, the declaration, the bases, this code), so they
     change with that and with nothing else.
     """
     if not declared.family:
-        return []
-    source = directory / "hidden.toml"
-    bases = [(directory / family.base).resolve() for family in declared.family]
+        return
     made_from = hashlib.sha256(declared.model_dump_json().encode() + Path(__file__).read_bytes())
-    for base in bases:
+    for base in (_base(directory, family) for family in declared.family):
         made_from.update(b"\0" + (base.read_bytes() if base.exists() else b""))
     folder = STATE / "hidden" / made_from.hexdigest()[:16] / assignment
-    out = []
-    for family, base in zip(declared.family, bases):
+    for family in declared.family:
         for number in range(1, family.scenes + 1):
-            file = folder / (f"hidden-{family.name}" + (f"-{number}" if number > 1 else "") + ".toml")
-            if not file.exists():
-                scene = _varied(read_toml(base), family, declared.seed, number, shown(source))
-                for entry in scene.get("object", []):
-                    entry["mesh"] = os.path.relpath((base.parent / entry["mesh"]).resolve(), folder)
-                folder.mkdir(parents=True, exist_ok=True)
-                temporary = file.with_suffix(f".{os.getpid()}")
-                temporary.write_text(tomli_w.dumps(scene))
-                os.replace(temporary, file)
-            out.append((file, family.points))
-    return out
+            yield folder / (f"hidden-{family.name}" + (f"-{number}" if number > 1 else "") + ".toml"), family, number
+
+
+def draw_hidden_scenes(declared: Hidden, directory: Path, assignment: str) -> None:
+    """Writes the files that are not there yet."""
+    for file, family, number in hidden_scene_files(declared, directory, assignment):
+        if file.exists():
+            continue
+        base = _base(directory, family)
+        scene = _varied(read_toml(base), family, declared.seed, number, shown(directory / FILE))
+        for entry in scene.get("object", []):
+            entry["mesh"] = os.path.relpath((base.parent / entry["mesh"]).resolve(), file.parent)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary = file.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+        temporary.write_text(tomli_w.dumps(scene))
+        os.replace(temporary, file)
+
+
+def _base(directory: Path, family: Family) -> Path:
+    return (directory / family.base).resolve()
 
 
 def _varied(scene: dict[str, Any], family: Family, seed: str, number: int, where: str) -> dict[str, Any]:

@@ -27,9 +27,10 @@ from shadelab.course.assignment import Assignment
 from shadelab.course.toml_files import Declared, validated
 from shadelab.errors import UserError
 from shadelab.paths import shown
+from shadelab.words import FILES
 
+FILE = "mistakes.toml"
 SUBTLE = 0.01
-BACKENDS = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
 
 
 class Change(Declared):
@@ -71,7 +72,7 @@ class Changes(Declared):
 
 
 def load_changes(assignment: Assignment) -> Changes:
-    file = assignment.directory / "mistakes.toml"
+    file = assignment.directory / FILE
     if not file.exists():
         return Changes()
     changes: Changes = validated(Changes, file)
@@ -133,6 +134,6 @@ def with_bodies(text: str, file: Path, bodies: dict[str, str]) -> str:
 def write_submission(assignment: Assignment, change: Change, folder: Path) -> None:
     """A whole submission that differs from the solution by this change."""
     folder.mkdir(parents=True, exist_ok=True)
-    for backend, name in BACKENDS.items():
+    for backend, name in FILES.items():
         source = assignment.directory / name
         (folder / name).write_text(with_bodies(source.read_text(), source, change.bodies_for(backend)))

@@ -36,12 +36,9 @@ class ShaderError(Exception):
     """The driver's words about a shader that does not compile or link."""
 
 
-def assemble(prelude: str, student: str, main: str) -> str:
-    return f"#version 330\n#line {PRELUDE_LINE}\n{prelude}\n#line 1\n{student}\n#line {MAIN_LINE}\n{main}"
-
-
 class Client:
-    def __init__(self, prelude: str, student: str) -> None:
+    def __init__(self, prelude: str = "", student: str = "") -> None:
+        """prelude: what stands before the student's functions when they are evaluated alone; a packet has its own."""
         self.context = create_context()
         self.prelude, self.student = prelude, student
         self.programs: dict[tuple[str, str], moderngl.Program] = {}
@@ -55,11 +52,6 @@ class Client:
                 raise ShaderError(str(error)) from None
         return self.programs[vertex, fragment]
 
-    def shader(self, main: str, with_student: bool) -> str:
-        return (
-            assemble(self.prelude, self.student, main) if with_student else f"#version 330\n#line {MAIN_LINE}\n{main}"
-        )
-
     def set_uniforms(self, which: "Object") -> None:
         """Objects may share a program: its uniforms are set when another object was the last to use it."""
         if self.last_set.get(which.program.glo) is not which:
@@ -69,13 +61,16 @@ class Client:
 
     # ------------------------------------------------------------------------------------------------- functions
 
+    def assemble(self, main: str) -> str:
+        return f"#version 330\n#line {PRELUDE_LINE}\n{self.prelude}\n#line 1\n{self.student}\n#line {MAIN_LINE}\n{main}"
+
     def compile(self) -> None:
         main = "out vec4 shadelab_out;\nvoid main() { shadelab_out = vec4(0.0); }\n"
-        self.program(_full_screen, assemble(self.prelude, self.student, main))
+        self.program(_full_screen, self.assemble(main))
 
     def evaluate(self, main: str, rows: np.ndarray, columns_out: int) -> np.ndarray:
-        """rows: (N, columns) float32. Returns (N, columns_out) float32. The layout is glue.cpp's: 1024 rows per line."""
-        program = self.program(_full_screen, assemble(self.prelude, self.student, main))
+        """rows: (N, columns) float32. Returns (N, columns_out) float32. The layout is evaluate.glsl's: 1024 rows per line."""
+        program = self.program(_full_screen, self.assemble(main))
         count, columns = rows.shape
         width, height = 1024, (count + 1023) // 1024
         texels, targets = (columns + 3) // 4, (columns_out + 3) // 4
@@ -103,11 +98,10 @@ class Client:
     # ----------------------------------------------------------------------------------------------------- scenes
 
     def draw(self, packet: Packet, frames: int = 0) -> tuple[np.ndarray, list[float]]:
-        """The packet's image: (H, W, channels) float32, row 0 at the top; channels as the C++ film orders them. And the seconds
-        of further frames."""
+        """The packet's image: (H, W, channels) float32, row 0 at the top. And the seconds of further frames."""
         images, seconds = [], [0.0] * frames
-        for each in passes(packet.header):
-            frame = Frame(self, packet, each)
+        for number in range(len(packet.header["passes"])):
+            frame = Frame(self, packet, number)
             frame.draw()
             images.append(frame.read())
             # The first drawing has compiled; others tell what one takes.
@@ -117,42 +111,7 @@ class Client:
                 self.context.finish()
                 seconds[turn] += time.perf_counter() - start
             frame.release()
-        return film(packet.header, images), seconds
-
-
-@dataclass
-class Pass:
-    """One pass over the objects. `program` names the entry of each draw and, with an s, of the header's list of texts."""
-
-    program: str
-    clear: list[tuple[float, ...]]  # one colour per target
-    samples: int
-
-
-def passes(header: dict[str, Any]) -> list[Pass]:
-    """The shaded pass and, where the layers are asked for, that of ids, depths, normals and positions."""
-    targets = 4 if header["terms"] else 1  # total, ambient, diffuse, specular
-    background = [(*header["background"], 0.0)] + [(0.0, 0.0, 0.0, 0.0)] * (targets - 1)
-    shaded = Pass("program", background, header["samples"])
-    if not header["geometry"]:
-        return [shaded]
-    return [shaded, Pass("geometry_program", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)], 1)]
-
-
-def film(header: dict[str, Any], images: list[list[np.ndarray]]) -> np.ndarray:
-    """One image out of what each pass has drawn, with the channels in the C++ film's order."""
-    factor = header["supersample"]
-    colours = [image[..., :3] for image in images[0]]
-    coverage = [images[0][0][..., 3:]] if header["terms"] else []
-    shaded = box_filter(np.concatenate(colours + coverage, axis=2), factor)
-    if not header["geometry"]:
-        return shaded
-    ids_normals, depths_positions = images[1]
-    layers = np.concatenate(
-        [ids_normals[..., 3:], depths_positions[..., 3:], ids_normals[..., :3], depths_positions[..., :3]], axis=2
-    )
-    centre = factor // 2
-    return np.concatenate([shaded, layers[centre::factor, centre::factor]], axis=2)
+        return packet.film(images), seconds
 
 
 @dataclass
@@ -166,50 +125,50 @@ class Object:
 
 
 class Objects:
-    """A packet's objects for one pass: programs, buffers and vertex arrays are made here, once."""
+    """What a pass draws: programs, textures, buffers and vertex arrays are made here, once."""
 
-    def __init__(self, client: Client, packet: Packet, which: str) -> None:
-        self.client = client
-        texts = packet.header[f"{which}s"]
+    def __init__(self, client: Client, packet: Packet, number: int) -> None:
+        self.client, header = client, packet.header
+        draws = header["passes"][number]["draws"]
         # All programs first: a shader that does not compile leaves no buffers behind.
-        programs = [self.program(texts[draw[which]], which == "program") for draw in packet.header["draws"]]
-        self.objects = [self.object(packet, *pair) for pair in zip(packet.header["draws"], programs)]
-        self.lights = self.light_texture(packet)
+        programs = [self.program(packet, header["programs"][draw["program"]]) for draw in draws]
+        self.objects = [self.object(packet, header["objects"][draw["object"]], p) for draw, p in zip(draws, programs)]
+        self.textures = [self.texture(packet, texture) for texture in header["textures"]]
 
-    def program(self, texts: dict[str, Any], shades: bool) -> moderngl.Program:
-        student_in = "" if not shades else "vertex" if texts["student_in_vertex"] else "fragment"
-        return self.client.program(
-            *(self.client.shader(texts[stage], stage == student_in) for stage in ("vertex", "fragment"))
-        )
+    def program(self, packet: Packet, pieces: dict[str, Any]) -> moderngl.Program:
+        vertex, fragment = (packet.stage(pieces[stage], self.client.student) for stage in ("vertex", "fragment"))
+        return self.client.program(vertex, fragment)
 
-    def object(self, packet: Packet, draw: dict[str, Any], program: moderngl.Program) -> Object:
+    def object(self, packet: Packet, declared: dict[str, Any], program: moderngl.Program) -> Object:
+        """The compiler drops what a student's function does not read: of uniforms and attributes those are set that are there."""
         context = self.client.context
         uniforms = [
             (program[name], np.array(value, np.float32).tobytes())
-            for name, value in draw["uniforms"].items()
-            if name in program  # the compiler drops what a student's function does not read
+            for name, value in {**packet.header["uniforms"], **declared["uniforms"]}.items()
+            if name in program
         ]
-        vertices = {
-            "shadelab_position": context.buffer(packet.bytes(draw["positions"], 12)),
-            **({"shadelab_normal": context.buffer(packet.bytes(draw["normals"], 12))} if "normals" in draw else {}),
-        }
-        indices = context.buffer(packet.bytes(draw["indices"], 4))
-        attributes = [(buffer, "3f", name) for name, buffer in vertices.items() if name in program]
+        attributes = [
+            (context.buffer(packet.attribute(place)), f"{place['components']}f", name)
+            for name, place in declared["attributes"].items()
+            if name in program
+        ]
+        indices = context.buffer(packet.indices(declared["indices"]))
+        for unit, texture in enumerate(packet.header["textures"]):
+            if texture["name"] in program:
+                program[texture["name"]].value = unit
         array = context.vertex_array(program, attributes, indices)
-        return Object(program, uniforms, array, [indices, *vertices.values()])
+        return Object(program, uniforms, array, [indices, *(buffer for buffer, _, _ in attributes)])
 
-    def light_texture(self, packet: Packet) -> moderngl.Texture | None:
-        """The lights of a scene that has too many for uniforms (glue.hpp). Samplers that nobody sets read unit 0."""
-        if (place := packet.header.get("light_texels")) is None:
-            return None
-        size = (place["width"], place["count"] // (4 * place["width"]))
-        texture = self.client.context.texture(size, 4, packet.bytes(place, 4), dtype="f4")
+    def texture(self, packet: Packet, declared: dict[str, Any]) -> moderngl.Texture:
+        size = declared["width"], declared["height"]
+        data = packet.bytes(declared["offset"], 4 * size[0] * size[1])
+        texture = self.client.context.texture(size, 4, data, dtype="f4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 
     def draw(self) -> None:
-        if self.lights is not None:
-            self.lights.use(0)
+        for unit, texture in enumerate(self.textures):
+            texture.use(unit)
         for each in self.objects:
             self.client.set_uniforms(each)
             each.array.render(moderngl.TRIANGLES)
@@ -218,29 +177,31 @@ class Objects:
         for each in self.objects:
             for resource in [each.array, *each.buffers]:
                 resource.release()
-        if self.lights is not None:
-            self.lights.release()
+        for texture in self.textures:
+            texture.release()
 
 
 class Frame:
-    """One pass over a packet, ready to be drawn again and again."""
+    """One pass of a packet, ready to be drawn again and again."""
 
-    def __init__(self, client: Client, packet: Packet, each: Pass, components: int = 4) -> None:
+    def __init__(self, client: Client, packet: Packet, number: int, components: int = 4) -> None:
         """components: of the float32 targets. 3 leaves the coverage out; not every driver draws into such targets."""
-        self.context, self.clear, self.components = client.context, each.clear, components
-        self.size = (packet.header["width"], packet.header["height"])
-        if each.samples not in (1, 2, 4):
-            raise UserError(f"{each.samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
-        self.objects = Objects(client, packet, each.program)
+        declared = packet.header["passes"][number]
+        self.context, self.size, self.components = client.context, packet.size, components
+        self.clear = [tuple(target["clear"]) for target in declared["targets"]]
+        samples = declared["samples"]
+        if samples not in (1, 2, 4):
+            raise UserError(f"{samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
+        self.objects = Objects(client, packet, number)
         textures = [self.context.texture(self.size, components, dtype="f4") for _ in self.clear]
-        if each.samples == 1:
+        if samples == 1:
             self.target = self.resolved = self.context.framebuffer(textures, self.context.depth_texture(self.size))
             return
         # Without a depth attachment: only colours are resolved.
         self.resolved = self.context.framebuffer(textures)
         self.target = self.context.framebuffer(
-            [self.context.renderbuffer(self.size, components, samples=each.samples, dtype="f4") for _ in self.clear],
-            self.context.depth_renderbuffer(self.size, samples=each.samples),
+            [self.context.renderbuffer(self.size, components, samples=samples, dtype="f4") for _ in self.clear],
+            self.context.depth_renderbuffer(self.size, samples=samples),
         )
 
     def draw(self) -> None:
@@ -283,14 +244,6 @@ class Frame:
 def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
     masks = [(w,) * 4 for w in written]
     framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
-
-
-def box_filter(image: np.ndarray, n: int) -> np.ndarray:
-    """Averages n x n pixels, in double."""
-    if n == 1:
-        return image
-    height, width, channels = image.shape
-    return image.reshape(height // n, n, width // n, n, channels).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
 def run(job: dict[str, Any], client: Client) -> list[float]:

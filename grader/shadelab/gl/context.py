@@ -2,10 +2,15 @@
 
 OSMesa was removed from Mesa in 25.1, so newer systems lack it; both ways reach the same driver (llvmpipe).
 SHADELAB_GL=osmesa or =egl forces one of them.
+
+    python -m shadelab.gl.context
+
+tries both and prints what came of it as JSON: for `doctor`, which must survive a driver that ends its process.
 """
 
 import ctypes
 import ctypes.util
+import json
 import os
 
 import moderngl
@@ -69,8 +74,6 @@ def _osmesa() -> moderngl.Context:
 
 
 def _egl() -> moderngl.Context:
-    os.environ.setdefault("EGL_PLATFORM", "surfaceless")
-    os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "1")
     # The names with versions are what run-time packages install; the plain ones come with development packages.
     return moderngl.create_context(
         require=330, standalone=True, backend="egl", libgl="libGL.so.1", libegl="libEGL.so.1"
@@ -78,17 +81,6 @@ def _egl() -> moderngl.Context:
 
 
 _ways = {"osmesa": _osmesa, "egl": _egl}
-
-
-def try_ways() -> dict[str, moderngl.Context | str]:
-    """Every way's context, or why it gives none. For `doctor`; costs a context each."""
-    out: dict[str, moderngl.Context | str] = {}
-    for name, create in _ways.items():
-        try:
-            out[name] = create()
-        except Exception as error:  # each library fails in a way of its own
-            out[name] = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return out
 
 
 def create_context() -> moderngl.Context:
@@ -112,3 +104,22 @@ def create_context() -> moderngl.Context:
 def describe(context: moderngl.Context) -> str:
     """ "llvmpipe (LLVM 15.0.6, 256 bits), 3.3 (Core Profile) Mesa 22.3.6 through osmesa"."""
     return f"{context.info['GL_RENDERER']}, {context.info['GL_VERSION']} through {context.extra}"
+
+
+def main() -> None:
+    told: dict[str, dict[str, str]] = {}
+    for name, create in _ways.items():
+        try:
+            info = create().info
+            told[name] = {"driver": f"{info['GL_RENDERER']}, {info['GL_VERSION']}"}
+        except Exception as error:  # each library fails in a way of its own
+            told[name] = {"error": str(error).splitlines()[0] if str(error) else type(error).__name__}
+    used = {}
+    if any("driver" in way for way in told.values()):
+        context = create_context()
+        used = {"way": context.extra, "driver": describe(context)}
+    print(json.dumps({"ways": told, "used": used}))
+
+
+if __name__ == "__main__":
+    main()

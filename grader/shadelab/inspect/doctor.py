@@ -1,16 +1,18 @@
 """doctor: what this machine can do, and how to mend what it can't."""
 
+import json
 import os
 import platform
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 
 from shadelab.course.assignment import assignment_names, load_assignment
-from shadelab.gl.context import create_context, describe, try_ways
-from shadelab.machine.build import processor_level
+from shadelab.course.hidden import draw_hidden_scenes
+from shadelab.gl.environment import ENVIRONMENT
+from shadelab.machine.processor import processor_level
 from shadelab.paths import RENDER, SOLUTION, shown
-from shadelab.truth.expected import missing_meshes
 
 
 @dataclass
@@ -42,31 +44,45 @@ def examine() -> list[Finding]:
     else:
         out.append(Finding("framework", "bad", "not built", "run ./shadelab again and read what the build says"))
 
-    ways = try_ways()
-    working = [name for name, way in ways.items() if not isinstance(way, str)]
-    for name, way in ways.items():
-        if isinstance(way, str):
-            how = {
-                "osmesa": "install libosmesa6 (Mesa before 25.1), or leave it: egl serves",
-                "egl": "install libegl1, libgl1 and libgl1-mesa-dri",
-            }
-            out.append(Finding(f"OpenGL through {name}", "note" if working else "bad", way, how[name]))
-        else:
-            out.append(Finding(f"OpenGL through {name}", "ok", f"{way.info['GL_RENDERER']}, {way.info['GL_VERSION']}"))
-            way.release()
-    if working:
-        context = create_context()
-        why = {"osmesa": "it needs no display and no EGL device", "egl": "libOSMesa is absent (Mesa 25.1 removed it)"}
-        because = (
-            "SHADELAB_GL asks for it"
-            if "SHADELAB_GL" in os.environ
-            else why[context.extra] + " (SHADELAB_GL forces one)"
-        )
-        out.append(Finding("OpenGL in use", "ok", f"{describe(context)}; {because}"))
+    out += _opengl()
+    if RENDER.exists():
+        out += _meshes()
+    return out
 
+
+def _opengl() -> list[Finding]:
+    """In a child: a driver may end the process that it is loaded into."""
+    command = [sys.executable, "-I", "-m", "shadelab.gl.context"]
+    tried = subprocess.run(command, capture_output=True, text=True, env={**ENVIRONMENT, **os.environ})
+    try:
+        told = json.loads(tried.stdout)
+    except ValueError:
+        said = tried.stderr.strip().splitlines()
+        return [Finding("OpenGL", "bad", said[-1] if said else f"ended with {tried.returncode}", "install libosmesa6")]
+    out = []
+    hows = {
+        "osmesa": "install libosmesa6 (Mesa before 25.1), or leave it: egl serves",
+        "egl": "install libegl1, libgl1 and libgl1-mesa-dri",
+    }
+    for name, way in told["ways"].items():
+        if "error" in way:
+            out.append(Finding(f"OpenGL through {name}", "note" if told["used"] else "bad", way["error"], hows[name]))
+        else:
+            out.append(Finding(f"OpenGL through {name}", "ok", way["driver"]))
+    if used := told["used"]:
+        why = {"osmesa": "it needs no display and no EGL device", "egl": "libOSMesa is absent (Mesa 25.1 removed it)"}
+        forced = "SHADELAB_GL asks for it"
+        because = forced if "SHADELAB_GL" in os.environ else why[used["way"]] + " (SHADELAB_GL forces one)"
+        out.append(Finding("OpenGL in use", "ok", f"{used['driver']}; {because}"))
+    return out
+
+
+def _meshes() -> list[Finding]:
+    out = []
     for name in assignment_names():
         assignment = load_assignment(SOLUTION / name)
-        lacking = [(scene, mesh) for scene in assignment.scenes for mesh in missing_meshes(scene)]
+        draw_hidden_scenes(assignment.hidden, assignment.directory, name)
+        lacking = [(scene, mesh) for scene in assignment.scenes for mesh in scene.missing_meshes()]
         if lacking:
             says = "; ".join(f"{scene.name} needs {mesh.name}" for scene, mesh in lacking)
             out.append(

@@ -8,7 +8,6 @@ only those functions appear whose arguments have the names of what is known.
 
 import json
 import re
-import subprocess
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -23,22 +22,25 @@ from rich.text import Text
 
 from shadelab.course.assignment import Assignment, Function, Scene, named_arrays
 from shadelab.course.mistakes import slide_formulas, write_submission
-from shadelab.course.toml_files import read_toml
-from shadelab.errors import InfrastructureError, UserError
+from shadelab.errors import UserError
 from shadelab.evidence import intake
-from shadelab.evidence.runners import CppRunner, Draw, Evaluate, GlslRunner
-from shadelab.gl.packet import Packet
-from shadelab.judge.findings import function_limit, function_members, scaled_error
-from shadelab.machine.build import BuildError, Recipe, glue_folder
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.programs import Programs
+from shadelab.evidence.tasks import BuildError, Draw, Evaluate
+from shadelab.machine import renderer
+from shadelab.machine.build import Recipe
 from shadelab.machine.sandbox import Sandbox, work_folder
-from shadelab.paths import RENDER, STATE, shown
-from shadelab.report.terminal import ASCII_SYMBOLS, BACKENDS, SYMBOLS, number, plain
-from shadelab.truth import making as reference
-from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, Table, missing_meshes, with_callees
-from shadelab.truth.follow import Reference
+from shadelab.paths import STATE, shown
+from shadelab.report.terminal import ASCII_SYMBOLS, SYMBOLS, number, plain
+from shadelab.truth import making
+from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, Table, with_callees
+from shadelab.truth.follow import FollowedSolution
+from shadelab.truth.fragments import as_float, to_light, unit
+from shadelab.truth.measures import function_limit, function_members, scaled_error
 from shadelab.truth.tables import jittered, renormalised
+from shadelab.words import BACKENDS
 
-LIGHT_KINDS = ("point", "directional", "spot")
 SIDES = {**BACKENDS, "expected": "expected"}
 TERMS = ("total", "ambient", "diffuse", "specular")
 ALL_CHANNELS = max(channels.stop for channels in CHANNELS.values())
@@ -46,7 +48,7 @@ ALL_CHANNELS = max(channels.stop for channels in CHANNELS.values())
 SAME = {"rtol": 1e-5, "atol": 1e-6}
 
 # What is known by name, and its type: a material's roughness and the material itself may both be called m.
-Known = dict[tuple[str, str], np.ndarray]
+Named = dict[tuple[str, str], np.ndarray]
 
 
 @dataclass
@@ -68,7 +70,7 @@ class Probe:
     object: int = 0
     material: str = ""
     model: str = ""
-    known: list[Known] = field(default_factory=list)  # per light; what does not depend on lights stands in each
+    known: list[Named] = field(default_factory=list)  # per light; what does not depend on lights stands in each
     kinds: list[str] = field(default_factory=list)  # of the lights
     calls: list[Call] = field(default_factory=list)
     rendered: dict[str, np.ndarray] = field(default_factory=dict)  # by side: (TERM_CHANNELS,)
@@ -102,47 +104,46 @@ def probe(
     submission: Path,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Probe:
-    glue_folder(assignment.directory)  # once, before two threads want it
-    expected = reference.load(assignment, progress)
+    expected = making.load(assignment, progress)
     listed = next((s for s in assignment.scenes if s.file.resolve() == scene.resolve()), None)
     # Hidden scenes of another time, with other numbers, are no less hidden.
-    drawn = listed or Scene(scene.stem, scene.resolve(), 0, hidden=STATE / "hidden" in scene.resolve().parents)
-    if listed and (missing := missing_meshes(listed)):  # of any other scene the renderer tells file and line
+    hidden = STATE / "hidden" in scene.resolve().parents
+    drawn = listed or Scene(scene.stem, scene.resolve(), assignment.directory, hidden=hidden)
+    if listed and (missing := listed.missing_meshes()):  # of any other scene the renderer tells file and line
         raise UserError(
             f"{shown(scene)}: the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
         )
     out = Probe(assignment, scene, pixel)
     hidden, here = drawn.hidden, (assignment.directory / "shading.cpp").exists()
     with work_folder("probe") as work:
-        packet_file = expected.packet(listed, assignment) if listed else work / "scene.packet"
+        packet_file = expected.packet(listed) if listed else work / "scene.packet"
         if not listed:
-            _renderer(["packet", scene, "--assignment", assignment.directory, "--layers", "-o", packet_file])
-        header = Packet(packet_file).header
-        width, height = header["width"], header["height"]
+            renderer.packet(scene, assignment.directory, packet_file, renderer.View("all"))
+        width, height = drawn.described.width, drawn.described.height
         if pixel[0] >= width or pixel[1] >= height:
             size, last = f"{width} x {height} pixels", f"{width - 1},{height - 1}"
             raise UserError(f"{shown(scene)}: the image has {size}: X,Y is at most {last}")
         # Of a scene of the assignment the layers are known; of any other, whoever draws it first tells them.
         layers = expected.scene(listed).layers if listed else None
         if layers is not None:
-            _look_up(out, layers, header)
+            _look_up(out, layers, drawn.described)
         solution = _Solution(assignment, expected, drawn, work) if here and not hidden else None
         if solution is None:
             why = "the scene is hidden" if hidden else "they need the solution, which is not here"
             out.notes.append(f"No expected values of functions: {why}.")
         elif layers is None:
-            _look_up(out, layers := solution.draw(), header)
+            _look_up(out, layers := solution.draw(), drawn.described)
         files = intake.take(submission, assignment, work / "submission")
         draw = Draw(drawn, packet_file, "terms" if listed else "all")
         shape = (height, width, TERM_CHANNELS if listed else ALL_CHANNELS)
-        students = [_Student(backend, out, work, draw, shape, files) for backend in BACKENDS]
+        students = [Language(backend, out, work, draw, shape, files) for backend in BACKENDS]
         with ThreadPoolExecutor(len(students)) as pool:
-            list(pool.map(_Student.start, students))
+            list(pool.map(Language.start, students))
         images = [s.image for s in students if s.image is not None]
         if layers is None:
             if not images:
                 raise UserError("; ".join(f"{BACKENDS[b]}: {words[0]}" for b, words in out.failures.items()))
-            _look_up(out, _layers(images[0]), header)
+            _look_up(out, _layers(images[0]), drawn.described)
         x, y = pixel
         out.rendered = {s.backend: s.image[y, x, :TERM_CHANNELS] for s in students if s.image is not None}
         if layers is not None and not hidden:
@@ -150,22 +151,10 @@ def probe(
             out.rendered["expected"] = np.concatenate(terms)[:TERM_CHANNELS]
         _find_calls(out, expected, solution)
         with ThreadPoolExecutor(len(students)) as pool:
-            list(pool.map(_Student.evaluate, students))
+            list(pool.map(Language.evaluate, students))
         if solution is not None:
             solution.judge(out)
     return out
-
-
-def _renderer(arguments: Iterable[Any]) -> str:
-    """The renderer without student code: no sandbox."""
-    outcome = subprocess.run([str(RENDER), *map(str, arguments)], capture_output=True, text=True)
-    if outcome.returncode:
-        raise (UserError if outcome.returncode == 2 else InfrastructureError)(outcome.stderr.strip())
-    return outcome.stdout
-
-
-def _loops(assignment: Assignment, scene: Scene) -> tuple[str, ...]:
-    return tuple(json.loads(_renderer(["needs", scene.file, "--assignment", assignment.directory]))["loops"])
 
 
 def _layers(image: np.ndarray) -> dict[str, np.ndarray]:
@@ -175,7 +164,7 @@ def _layers(image: np.ndarray) -> dict[str, np.ndarray]:
 # ----------------------------------------------------------------------------------------------------- what is known
 
 
-def _look_up(out: Probe, layers: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+def _look_up(out: Probe, layers: dict[str, np.ndarray], described: renderer.Description) -> None:
     """The fragment's facts. Raises UserError where there is none."""
     x, y = out.pixel
     ids = layers["id"][..., 0]
@@ -187,43 +176,38 @@ def _look_up(out: Probe, layers: dict[str, np.ndarray], header: dict[str, Any]) 
         raise UserError(
             f"{shown(out.scene)}: pixel {x},{y} is background; the nearest of an object is {columns[nearest]},{rows[nearest]}"
         )
-    facts, assignment = header["scene"], out.assignment
+    assignment = out.assignment
     out.object = int(ids[y, x])
-    shaded, declared = facts["objects"][out.object - 1], read_toml(out.scene)["object"][out.object - 1]
-    out.material, out.model = declared["material"], shaded["model"]
-    if declared.get("interpolation") == "gouraud":
+    shaded = described.objects[out.object - 1]
+    out.material, out.model = shaded.material, shaded.model
+    if shaded.interpolation == "gouraud":
         out.notes.append(
             "This object is shaded at its vertices, and the colours are interpolated: not with these values."
         )
     n, position = (layers[name][y, x].astype(np.float64) for name in ("normal", "position"))
-    v = _unit(facts["eye"] - position)
-    always: Known = {("n", "vec3"): n, ("x", "vec3"): position, ("v", "vec3"): v}
+    v = unit(as_float(described.eye) - position)
+    always: Named = {("n", "vec3"): n, ("x", "vec3"): position, ("v", "vec3"): v}
     for model in assignment.functions:
         if model.name == out.model:
             struct = model.values[0]
-            always[struct.name, struct.domain.type] = np.array(shaded["material"])
-    for flat in facts["lights"]:
-        light = {name: value[0] for name, value in _named(assignment, "Light", np.array(flat)).items()}
-        l = _unit(-light["direction"] if light["kind"] == 1 else light["position"] - position)
-        own: Known = {("light", "Light"): np.array(flat), ("l", "vec3"): l, ("h", "vec3"): _unit(l + v)}
+            always[struct.name, struct.domain.type] = as_float(shaded.parameters)
+    for flat in as_float(described.lights):
+        l = unit(to_light(assignment, flat[None], position)[0])
+        own: Named = {("light", "Light"): flat, ("l", "vec3"): l, ("h", "vec3"): unit(l + v)}
         out.known.append({**always, **own})
-        out.kinds.append(LIGHT_KINDS[int(light["kind"])])
+        out.kinds.append(assignment.light_kinds[int(flat[0])].name)
     if not out.known:
         out.known.append(always)
         out.notes.append("The scene has no light: no function takes part.")
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / max(float(np.linalg.norm(v)), 1e-30)
-
-
 def _named(assignment: Assignment, struct: str, numbers: np.ndarray) -> dict[str, np.ndarray]:
-    return named_arrays(assignment.columns(assignment.structs[struct].values), numbers[None])
+    return named_arrays(assignment.structs[struct].columns, numbers[None])
 
 
-def _members(assignment: Assignment, known: Known) -> Known:
+def _members(assignment: Assignment, known: Named) -> Named:
     """The members of the material by their own names."""
-    out: Known = {}
+    out: Named = {}
     for (_, kind), numbers in known.items():
         if kind in assignment.structs and kind != "Light":
             values = _named(assignment, kind, numbers)
@@ -232,7 +216,7 @@ def _members(assignment: Assignment, known: Known) -> Known:
     return out
 
 
-def _row(function: Function, known: Known) -> np.ndarray | None:
+def _row(function: Function, known: Named) -> np.ndarray | None:
     """What the function takes, where all of it is known by name."""
     keys = [(value.name, value.domain.type) for value in function.values]
     return np.hstack([known[k] for k in keys]).astype(np.float32) if all(k in known for k in keys) else None
@@ -244,7 +228,7 @@ def _row(function: Function, known: Known) -> np.ndarray | None:
 def _find_calls(out: Probe, expected: Expected, solution: "_Solution | None") -> None:
     """Per light in data-flow order: the framework's calls, and those that follow from them."""
     functions = out.assignment.functions
-    framework = {f.name for f in functions if f.name in (out.model, "incident_light")}
+    framework = {f.name for f in functions if f.name in (out.model, out.assignment.light_function)}
     part = with_callees(framework, expected.facts.calls)
     left_out: set[str] = set()
     for light, known in enumerate(out.known if out.kinds else []):
@@ -275,7 +259,7 @@ def _by_function(calls: list[Call]) -> list[tuple[Function, list[Call]]]:
     return [(group[0].function, group) for group in groups]
 
 
-class _Student:
+class Language:
     """One language of the submission. What goes wrong is told, and costs its values alone."""
 
     def __init__(
@@ -286,7 +270,7 @@ class _Student:
         self.refused = files[f"shading.{backend}"]
         sandbox = Sandbox(work / backend)
         if backend == "cpp":  # one plugin for both, the functions and the picture
-            self.runner = CppRunner(out.assignment, sandbox, Recipe(loops=_loops(out.assignment, draw.scene)))
+            self.runner = CppRunner(out.assignment, sandbox, Recipe(loops=tuple(draw.scene.described.needs.loops)))
         else:
             self.runner = GlslRunner(out.assignment, sandbox)
         self.built, self.image = False, None
@@ -329,8 +313,8 @@ class _Solution:
 
     def __init__(self, assignment: Assignment, expected: Expected, scene: Scene, work: Path) -> None:
         self.assignment, self.expected, self.scene, self.work = assignment, expected, scene, work
-        text = (assignment.directory / "shading.cpp").read_text()
-        self.reference = Reference(assignment, text, Sandbox(work / "reference"))
+        self.followed = FollowedSolution(assignment, (assignment.directory / "shading.cpp").read_text())
+        self.programs = Programs(assignment, work / "followed")
         folders = [assignment.directory]
         if slides := slide_formulas(assignment):  # as for the tables: they say how much rounding of the inputs may move
             write_submission(assignment, slides, work / "slides")
@@ -343,18 +327,18 @@ class _Solution:
         return runner
 
     def draw(self) -> dict[str, np.ndarray]:
-        runner = self._built(self.assignment.directory, _loops(self.assignment, self.scene))
+        runner = self._built(self.assignment.directory, tuple(self.scene.described.needs.loops))
         output = runner.draw(Draw(self.scene, layers="all"))
         if output.array is None:
             raise UserError(f"{shown(self.scene.file)}: the render {output.failure}")
         return _layers(output.array)
 
     def calls(self, function: Function, row: np.ndarray) -> dict[str, np.ndarray]:
-        return self.reference.calls(function, self._exact(function, row[None]))
+        return self.programs.answer_all(self.followed.calls(function, self._exact(function, row[None])))
 
     def _exact(self, function: Function, rows: np.ndarray) -> np.ndarray:
         with np.errstate(invalid="ignore"):
-            exact = renormalised(self.assignment, function, rows)
+            exact = renormalised(function, rows)
         return np.where(np.isnan(exact), rows, exact)  # no direction at all: the h of opposite l and v
 
     def judge(self, out: Probe) -> None:
@@ -363,7 +347,7 @@ class _Solution:
         for function, calls in _by_function(out.calls):
             rows, table = np.array([call.row for call in calls]), self.expected.table(function)
             exact = self._exact(function, rows)
-            inputs = np.concatenate([exact, *jittered(self.assignment, function, exact)])
+            inputs = np.concatenate([exact, *jittered(function, exact)])
             outputs = [form.evaluate(Evaluate(function, inputs)) for form in self.forms]
             if failed := next((o.failure for o in outputs if o.array is None), None):
                 raise UserError(f"{shown(self.assignment.directory)}: {function.name} {failed}")
@@ -382,7 +366,7 @@ class _Solution:
                 if any(values is None for values in came):
                     came = np.full(truth.shape, np.nan)
                 limit = function_limit(self.expected.floor(function, backend), backend)
-                members = function_members(self.assignment, function)
+                members = function_members(function)
                 error = scaled_error(np.vstack([came, table.truth]), whole, members)[: len(rows)]
                 for call, off in zip(calls, error > limit):
                     call.wrong[backend] = off
@@ -458,7 +442,7 @@ def _add_call(grid: Grid, out: Probe, call: Call, sides: list[str], mark: str) -
         text = "none" if values is None else number(float(values[k]))
         return Text(f"{text} {mark}" if off else f"{text}  ", "bold red" if off else "")
 
-    title, columns = Text(_call_text(out, call), "bold"), out.assignment.output_columns(call.function)
+    title, columns = Text(_call_text(out, call), "bold"), call.function.outputs
     if len(columns) == 1:
         grid.add_row(title, *(cell(side, 0) for side in sides))
     else:
@@ -485,7 +469,7 @@ def _call_text(out: Probe, call: Call) -> str:
     """half_vector(l, v), beckmann(n, h, m = 0.3): the names of what stands above, the values of everything else."""
     known, texts, at = out.known[call.light], [], 0
     for value in call.function.values:
-        columns = out.assignment.columns([value])
+        columns = call.function.columns(value.name)
         numbers = call.row[at : at + len(columns)]
         at += len(columns)
         key = (value.name, value.domain.type)
@@ -496,7 +480,7 @@ def _call_text(out: Probe, call: Call) -> str:
     return f"{call.function.name}({', '.join(texts)})"
 
 
-def _facts(out: Probe, known: Known) -> list[tuple[str, np.ndarray]]:
+def _facts(out: Probe, known: Named) -> list[tuple[str, np.ndarray]]:
     """What does not depend on the lights: n, v, x and the material's members."""
     facts = [(name, known[name, "vec3"]) for name in ("n", "v", "x")]
     for (name, kind), numbers in known.items():
@@ -523,10 +507,10 @@ def as_json(out: Probe) -> str:
         )
 
     def call_data(call: Call) -> dict[str, Any]:
-        columns = out.assignment.output_columns(call.function)
+        columns = call.function.outputs
         return {
             "function": call.function.name,
-            "arguments": named(out.assignment.input_columns(call.function), call.row),
+            "arguments": named(call.function.inputs, call.row),
             **{side: named(columns, values) for side, values in call.values.items()},
             "wrong": [backend for backend, off in call.wrong.items() if off.any()],
         }

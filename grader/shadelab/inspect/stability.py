@@ -14,15 +14,16 @@ import numpy as np
 from shadelab.course.assignment import Assignment, Function, named_arrays
 from shadelab.errors import UserError
 from shadelab.evidence import intake
-from shadelab.evidence.runners import CppRunner, Evaluate, GlslRunner
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import BuildError, Evaluate
 from shadelab.judge.stability import FLOORS, ROUNDINGS, Stability, judge_extremes, row_input, stable_inputs
-from shadelab.machine.build import FUNCTIONS, BuildError, Recipe
+from shadelab.machine.build import DOUBLE, FUNCTIONS
 from shadelab.machine.sandbox import Sandbox, work_folder
 from shadelab.paths import shown
-from shadelab.truth import making as reference
+from shadelab.truth import making
 from shadelab.truth.expected import Expected
 
-DOUBLE = Recipe(double=True, loops=())
 SERIES = {"cpp": "C++ float", "double": "C++ double", "glsl": "GLSL"}
 SCHEMA = "shadelab/stability/1"
 
@@ -85,7 +86,7 @@ class Report:
                 series, row = line.first
                 entry["first"] = {
                     "series": series,
-                    **row_input(self.assignment, line.function, line.found[series], row),
+                    **row_input(line.function, line.found[series], row),
                 }
                 entry["first"]["replay"] = self.replays.get(line.function.name, "")
             functions.append(entry)
@@ -100,7 +101,7 @@ class Report:
 
 def measure(assignment: Assignment, submission: Path, progress: Callable[[str, int, int], None]) -> Report:
     """Every declared function that the submission holds, worked examples and given models included."""
-    expected = reference.load(assignment, progress)
+    expected = making.load(assignment, progress)
     if not expected.facts.cases:
         raise UserError(
             f"{assignment.name}: there is no exact.py, which gives the functions in 50 digits; stability is judged by it"
@@ -129,9 +130,7 @@ def measure(assignment: Assignment, submission: Path, progress: Callable[[str, i
                     + error.message.splitlines()[0]
                 )
                 continue
-            tasks = [
-                Evaluate(line.function, stable_inputs(assignment, expected, line.function, series)) for line in lines
-            ]
+            tasks = [Evaluate(line.function, stable_inputs(expected, line.function, series)) for line in lines]
             for line, (_, output) in zip(lines, runner.run(tasks)):
                 done += 1
                 progress(f"{SERIES[series]}: {line.function.name}", done, 3 * len(lines))
@@ -151,6 +150,6 @@ def write_inputs(report: Report, submission: Path, out: Path, named: list[str]) 
         out.mkdir(parents=True, exist_ok=True)
         file = out / f"{series}-{line.function.name}.npz"
         rows = line.found[series].table.rows[row : row + 1]
-        np.savez(file, **named_arrays(report.assignment.input_columns(line.function), rows))
+        np.savez(file, **named_arrays(line.function.inputs, rows))
         command = ["eval", shown(submission), line.function.name, "--backend", series, "--inputs", shown(file), *named]
         report.replays[line.function.name] = shlex.join(["./shadelab", *command])

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from shadelab.course.assignment import Function
-from shadelab.judge.findings import FACTOR, SMALL, FunctionJudgement
+from shadelab.judge.functions import FunctionJudgement
 from shadelab.result import Mistake
 from shadelab.truth.expected import Expected, Table
+from shadelab.truth.measures import FACTOR, SMALL
 
 # A mistake explains a row when it gives the student's numbers within this relative error (or the function's limit, where that is
 # wider): the same mistake written in other words rounds differently.

@@ -20,10 +20,10 @@ SMALLEST, LARGEST = 2.0**-126, 3.4e38
 FLOORS = 4
 
 
-def stable_inputs(assignment: Assignment, expected: Expected, function: Function, series: str) -> np.ndarray:
+def stable_inputs(expected: Expected, function: Function, series: str) -> np.ndarray:
     """In double, directions are unit vectors in double, too: what is compared is the algebra, not what float32 made of the inputs."""
     rows = expected.stable_table(function).rows
-    return renormalised(assignment, function, rows) if series == "double" else rows
+    return renormalised(function, rows) if series == "double" else rows
 
 
 @dataclass
@@ -103,8 +103,8 @@ def judge_extremes(
     """backend: cpp | double | glsl; all by the limits of float32, the driver's functions excused in GLSL."""
     declared = assignment.stability.get(function.name)
     return judge(
-        assignment.input_columns(function),
-        assignment.output_columns(function),
+        function.inputs,
+        function.outputs,
         expected.stable_table(function),
         actual,
         expected.driver(backend),
@@ -165,13 +165,13 @@ def _some(names: list[str], most: int = 3) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def first_input(assignment: Assignment, function: Function, stability: Stability) -> dict[str, Any]:
+def first_input(function: Function, stability: Stability) -> dict[str, Any]:
     """The first failing input: case, kind, inputs, expected and actual, as numbers or, where not finite, words."""
-    return row_input(assignment, function, stability, stability.faults[0].row)
+    return row_input(function, stability, stability.faults[0].row)
 
 
-def row_input(assignment: Assignment, function: Function, stability: Stability, row: int) -> dict[str, Any]:
-    inputs = named_arrays(assignment.input_columns(function), stability.table.rows[row : row + 1])
+def row_input(function: Function, stability: Stability, row: int) -> dict[str, Any]:
+    inputs = named_arrays(function.inputs, stability.table.rows[row : row + 1])
     kind = next((fault.kind for fault in stability.faults if fault.row == row), "")
     return {
         "case": stability.table.case(row),

@@ -18,14 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shadelab.errors import InfrastructureError
+from shadelab.machine.command import Command
 from shadelab.paths import STATE
 
 OUTPUT_KEPT = 4096  # bytes of what the code prints that a report shows
 THREADS = 64
 PASSED_ON = ("SHADELAB_LEVEL", "GLIBC_TUNABLES")  # which processor's code runs; the image is the same
-
-# Set when the user interrupts: the threads that wait for children give up.
-stop_everything = threading.Event()
 
 
 @contextmanager
@@ -92,8 +90,9 @@ class Sandbox:
 
     name = "limits only (time, memory, file size, bare environment)"
 
-    def __init__(self, folder: Path, output_kept: int = OUTPUT_KEPT) -> None:
-        self.folder, self.output_kept = folder, output_kept
+    def __init__(self, folder: Path, output_kept: int = OUTPUT_KEPT, stop: threading.Event | None = None) -> None:
+        """stop: set when the user interrupts; the threads that wait for children give up then."""
+        self.folder, self.output_kept, self.stop = folder, output_kept, stop or threading.Event()
         self.prepare()
         if not (shutil.which("prlimit") and shutil.which("setpriv")):
             raise InfrastructureError("prlimit or setpriv is missing: install util-linux")
@@ -127,7 +126,7 @@ class Sandbox:
 
     def run(
         self,
-        command: list[str],
+        command: Command,
         limits: Limits = Limits(),
         environment: dict[str, str] | None = None,
         cwd: Path | None = None,
@@ -137,7 +136,7 @@ class Sandbox:
         limited = [
             "setpriv", "--pdeathsig", "KILL",  # whatever ends the grader ends this, too
             "prlimit", f"--as={limits.memory}", f"--fsize={limits.file_size}", "--core=0",
-            f"--cpu={int(limits.seconds * (os.cpu_count() or 1)) + 1}", *command,
+            f"--cpu={int(limits.seconds * (os.cpu_count() or 1)) + 1}", *command.words,
         ]  # fmt: skip
         self.prepare()
         # Files and not pipes: code that prints without end meets the file size limit, and nobody has to drain it. They have no
@@ -158,7 +157,7 @@ class Sandbox:
                         break
                     except subprocess.TimeoutExpired:
                         stopped = time.perf_counter() - start > limits.seconds or (watch is not None and watch())
-                        if stopped or stop_everything.is_set():
+                        if stopped or self.stop.is_set():
                             break
             finally:
                 try:
@@ -167,7 +166,7 @@ class Sandbox:
                     pass
                 process.wait()
             seconds = time.perf_counter() - start
-            if stop_everything.is_set():
+            if self.stop.is_set():
                 raise InfrastructureError("interrupted")
             out.seek(0)
             kept = out.read(self.output_kept)

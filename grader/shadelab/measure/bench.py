@@ -30,7 +30,8 @@ from rich.table import Table
 
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.machine.build import BuildError, Recipe, build_plugin
+from shadelab.evidence.tasks import BuildError
+from shadelab.machine.build import Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox, work_folder
 from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION, STATE
 from shadelab.truth.expected import scene_meshes

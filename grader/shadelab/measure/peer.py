@@ -19,8 +19,9 @@ from pathlib import Path
 import moderngl
 import numpy as np
 
-from shadelab.gl.client import Client, Frame, Objects, Packet, film, passes
+from shadelab.gl.client import Client, Frame, Objects
 from shadelab.gl.context import describe
+from shadelab.gl.packet import Packet
 
 # Values of GL/gl.h.
 TEXTURE_2D, TEXTURE_2D_MULTISAMPLE, DEPTH_COMPONENT, DEPTH_COMPONENT32F = 0x0DE1, 0x9100, 0x1902, 0x8CAC
@@ -42,12 +43,13 @@ class ColourFrame:
     """The layers that the packet asks for, each read back whole."""
 
     def __init__(self, client: Client, packet: Packet) -> None:
-        self.header = packet.header
+        self.packet = packet
         # Of targets with 3 and 4 components, read as they are or converted, the peer gets the fastest. Reading 1024x1024
         # pixels takes 2.8 ms (3 components as 3), 4.0 (4 as 4) or 5.3 (4 as 3); whole frames, in turn, take 3 components
         # 0.95 of the time that 4 take. Where more than the total is asked for, the fourth holds coverage, id and depth.
-        components = 4 if self.header["terms"] else 3
-        self.frames = [Frame(client, packet, each, components) for each in passes(self.header)]
+        passes = packet.header["passes"]
+        components = 3 if [layer["layer"] for layer in packet.header["film"]] == ["total"] else 4
+        self.frames = [Frame(client, packet, number, components) for number in range(len(passes))]
         self.images = [frame.buffer() for frame in self.frames]
 
     def draw(self) -> None:
@@ -56,20 +58,20 @@ class ColourFrame:
             frame.read_into(images)
 
     def image(self) -> np.ndarray:
-        return film(self.header, [[image[::-1] for image in images] for images in self.images])
+        return self.packet.film([[image[::-1] for image in images] for images in self.images])
 
 
 class DepthFrame:
     """Depth alone: nothing is shaded. Of a pixel's samples the first is kept."""
 
     def __init__(self, client: Client, packet: Packet) -> None:
-        header = packet.header
-        self.context, self.size = client.context, (header["width"], header["height"])
-        self.objects = Objects(client, packet, "program")
+        [declared] = packet.header["passes"]
+        self.context, self.size = client.context, packet.size
+        self.objects = Objects(client, packet, 0)
         self.resolved = self.context.framebuffer(depth_attachment=self.depth_texture(0))
         self.target = self.resolved
-        if header["samples"] > 1:
-            self.target = self.context.framebuffer(depth_attachment=self.depth_texture(header["samples"]))
+        if declared["samples"] > 1:
+            self.target = self.context.framebuffer(depth_attachment=self.depth_texture(declared["samples"]))
         self.bind = gl_function(self.context, "glBindFramebuffer", _enum, _enum)
         self.blit = gl_function(self.context, "glBlitFramebuffer", *[_int] * 8, _enum, _enum)
         self.depths = np.empty((*self.size[::-1], 1), np.float32)
@@ -105,7 +107,9 @@ class DepthFrame:
 
 
 def make_frame(client: Client, packet: Packet) -> ColourFrame | DepthFrame:
-    return DepthFrame(client, packet) if packet.header.get("depth") else ColourFrame(client, packet)
+    """A packet whose passes have no targets asks for depth alone."""
+    targets = any(each["targets"] for each in packet.header["passes"])
+    return ColourFrame(client, packet) if targets else DepthFrame(client, packet)
 
 
 def timed_draw(frame: ColourFrame | DepthFrame) -> float:
@@ -128,7 +132,7 @@ def answer(line: str, frame: ColourFrame | DepthFrame) -> dict:
 def main() -> None:
     start = time.perf_counter()
     packet = Packet(Path(sys.argv[1]))
-    client = Client(packet.header["prelude"], Path(sys.argv[2]).read_text())
+    client = Client(student=Path(sys.argv[2]).read_text())
     frame = make_frame(client, packet)
     frame.draw()  # the driver compiles shaders at their first use
     load = 1e3 * (time.perf_counter() - start)

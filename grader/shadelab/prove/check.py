@@ -11,12 +11,14 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment
 from shadelab.course.mistakes import SUBTLE, Change, load_changes, write_submission
-from shadelab.grading.grade import BACKENDS, Grading, grade, plan_checks
+from shadelab.grading.grade import Grading, grade
+from shadelab.grading.planning import plan_checks
 from shadelab.machine.sandbox import work_folder
 from shadelab.paths import STARTER
 from shadelab.prove.mutants import Mutation, mutate
-from shadelab.truth import making as reference
+from shadelab.truth import making
 from shadelab.truth.expected import with_callers
+from shadelab.words import BACKENDS
 
 STARTER_LIMIT = 0.15
 
@@ -45,7 +47,7 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
     changes = load_changes(assignment)
     subjects: list[tuple[str, str, Change | None]] = [("solution", "solution", None), ("starter", "starter", None)]
     subjects += [(m.id, "mistake", m) for m in changes.mistake] + [(v.id, "variant", v) for v in changes.variant]
-    expected = reference.load(assignment, progress)  # once, before several want it
+    expected = making.load(assignment, progress)  # once, before several want it
     done = 0
 
     def judge(subject: tuple[str, str, Change | None]) -> Row:

@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from shadelab.course.assignment import Assignment
-from shadelab.course.mistakes import BACKENDS, load_changes, regions, with_bodies
+from shadelab.course.mistakes import load_changes, regions, with_bodies
 from shadelab.errors import UserError
-from shadelab.evidence.runners import CppRunner, Evaluate, GlslRunner
-from shadelab.judge.findings import judge_function
-from shadelab.machine.build import FUNCTIONS, BuildError
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import BuildError, Evaluate
+from shadelab.judge.functions import judge_function
+from shadelab.machine.build import FUNCTIONS
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import shown
 from shadelab.truth.expected import Expected, with_callees, with_callers
+from shadelab.words import FILES
 
 SWAPS = {
     "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "<": ["<=", ">"], "<=": ["<", ">"], ">": [">=", "<"], ">=": [">", "<"],
@@ -138,7 +141,7 @@ def mutate(assignment: Assignment, expected: Expected, folder: Path, progress) -
     if not targets:
         return []
     out, stale = [], {e.id for e in changes.equivalent}
-    for backend, name in BACKENDS.items():
+    for backend, name in FILES.items():
         source = assignment.directory / name
         text = source.read_text()
         marked = regions(text, source)
@@ -171,9 +174,9 @@ def _affected(assignment: Assignment, expected: Expected, mutant: Mutant) -> lis
     return sorted(found, key=lambda f: f.name != mutant.function)
 
 
-def _killed(assignment: Assignment, expected: Expected, function, backend: str, array: np.ndarray) -> bool:
+def _killed(expected: Expected, function, backend: str, array: np.ndarray) -> bool:
     table, floor = expected.table(function), expected.floor(function, backend)
-    return bool(judge_function(assignment, function, backend, 1.0, table, floor, array).wrong.any())
+    return bool(judge_function(function, backend, 1.0, table, floor, array).wrong.any())
 
 
 def _judge_cpp(assignment, expected, bred: list[Mutant], files: list[Path], folder: Path, progress) -> list[str]:
@@ -191,7 +194,7 @@ def _judge_cpp(assignment, expected, bred: list[Mutant], files: list[Path], fold
             return "stillborn"
         for function in _affected(assignment, expected, mutant):
             output = runner.evaluate(Evaluate(function, expected.table(function).rows))
-            if output.array is None or _killed(assignment, expected, function, "cpp", output.array):
+            if output.array is None or _killed(expected, function, "cpp", output.array):
                 return "killed"
         return "alive"
 
@@ -221,7 +224,7 @@ def _judge_glsl(assignment, expected, bred: list[Mutant], files: list[Path], fol
         for (k, place), function, output in zip(pending, functions, outputs):
             if output.array is None:
                 verdicts[k] = "stillborn" if place == 0 else "killed"
-            elif _killed(assignment, expected, function, "glsl", output.array):
+            elif _killed(expected, function, "glsl", output.array):
                 verdicts[k] = "killed"
             elif place + 1 < len(_affected(assignment, expected, bred[k])):
                 again.append((k, place + 1))

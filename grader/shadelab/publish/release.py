@@ -26,8 +26,8 @@ from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
 from shadelab.paths import ROOT, SCENES, shown
 from shadelab.publish.starter import starter_files
-from shadelab.truth import making as reference
-from shadelab.truth.expected import missing_meshes, public_files
+from shadelab.truth import making
+from shadelab.truth.expected import public_files
 
 TEMPLATES = Path(__file__).parent / "templates"
 RECORD = "release.json"
@@ -48,10 +48,10 @@ def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
     """Returns what an instructor should know about it, a line each."""
     if (ROOT / assignment.name).exists() or assignment.name in RESERVED:
         raise UserError(f"{assignment.name}: a release has something else of this name; call the assignment otherwise")
-    made = reference.load(assignment)
+    made = making.load(assignment)
     files = starter_files(assignment)
     for scene in assignment.public_scenes:
-        if missing := missing_meshes(scene):
+        if missing := scene.missing_meshes():
             raise UserError(
                 f"{shown(scene.file)}: the mesh {missing[0].name} is not on this machine, so there is no expected image "
                 "to release (./shadelab doctor says how to get it)"

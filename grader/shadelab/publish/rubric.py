@@ -1,10 +1,12 @@
-"""How an assignment is graded, in Markdown, for its handout: from the manifest and from the numbers that findings.py grades by."""
+"""How an assignment is graded, in Markdown, for its handout: from the manifest and from the numbers that it is graded by."""
 
 from textwrap import fill
 
 from shadelab.course.assignment import Assignment
-from shadelab.judge.findings import EDGE_CAP, FACTOR, FULL_MARKS, LITTLE, MISTAKE, NO_MARKS, credit
+from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
+from shadelab.judge.images import EDGE_CAP
 from shadelab.judge.stability import FLOORS
+from shadelab.truth.measures import FACTOR, FULL_MARKS
 from shadelab.truth.tables import ROWS
 
 MARK = "<!-- rubric -->"

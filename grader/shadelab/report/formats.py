@@ -27,6 +27,13 @@ FORMATS = {
 }
 
 
+def known(names: list[str] | None) -> None:
+    """Raises UserError for a format that there is not."""
+    for name in names or []:
+        if name not in FORMATS:
+            raise UserError(f"--format {name}: there is {', '.join(FORMATS)}")
+
+
 def write(format: str, result: Result, folder: Path) -> Path:
     """Atomically, as result.json is: a platform that ends the run early finds what was earned until then."""
     if format not in FORMATS:

@@ -19,6 +19,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from PIL import Image
 
+from shadelab.grading.pictures import Pictures
 from shadelab.report import terminal as words
 from shadelab.result import Check, Point, Result
 from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR, SceneTruth
@@ -36,25 +37,6 @@ PAGE = 24_000_000  # bytes of the whole file
 WORDS = 1_000_000  # of these, for all that is no picture
 PICTURE = 160_000  # bytes of one picture; a noisier one loses detail
 TOTAL = 350_000  # bytes that are set aside for the values of the total, for each check
-
-
-@dataclass
-class Pictures:
-    """Of one image check. Linear; row 0 is the top."""
-
-    layers: (
-        np.ndarray | None
-    )  # the student's (H, W, 13) float32, the CHANNELS up to coverage; None: there is no picture
-    truth: SceneTruth
-    limit: np.ndarray  # (H, W, 3): the tolerance of each pixel and channel of the total
-
-    @property
-    def student(self) -> np.ndarray | None:
-        return None if self.layers is None else self.layers[..., :3]
-
-    @property
-    def expected(self) -> np.ndarray:
-        return self.truth.total
 
 
 @dataclass
@@ -564,15 +546,9 @@ def _exact(values: Iterable[Any]) -> list[float | str]:
 def _lights(truth: SceneTruth) -> list[dict[str, Any]]:
     out = []
     for light in getattr(truth, "lights", []):
-        kind = int(light["kind"])
-        at = light["direction"] if kind == 1 else light["position"]
-        out.append(
-            {
-                "kind": ("point light", "directional light", "spotlight")[kind],
-                "directional": kind == 1,
-                "at": _exact(at),
-            }
-        )
+        at = light["position"] if light["placed"] else light["direction"]
+        called = {"spot": "spotlight"}.get(light["name"], f"{light['name']} light")
+        out.append({"kind": called, "directional": not light["placed"], "at": _exact(at)})
     return out
 
 

@@ -5,8 +5,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from shadelab.grading.grade import LANGUAGES
 from shadelab.prove.check import Matrix, Row
+from shadelab.words import BACKENDS
 
 # A line for each submission, also where the terminal breaks it.
 WIDTH = 110
@@ -28,7 +28,7 @@ def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
             console.print(f"{row.name}: {fault}", markup=False, soft_wrap=True)
     for mutation in matrix.mutations:
         console.print(
-            f"{name}: {mutation.killed} mutants in {LANGUAGES[mutation.backend]} found out, {len(mutation.survivors)} survive; "
+            f"{name}: {mutation.killed} mutants in {BACKENDS[mutation.backend]} found out, {len(mutation.survivors)} survive; "
             f"{len(mutation.equivalent)} compute the same, {mutation.stillborn} do not compile",
             soft_wrap=True,
         )
@@ -42,7 +42,7 @@ def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
 
 def _cells(row: Row) -> list[str | Text]:
     cells: list[str | Text] = [row.name, row.kind]
-    for backend in LANGUAGES:
+    for backend in BACKENDS:
         cells += [f"{row.lost[backend]:.2f}", f"{row.named[backend]:.0f}" if backend in row.named else ""]
     cells.append("" if row.rmse is None else f"{row.rmse:.2g}")
     return [*cells, Text("MISSED", "bold red") if row.faults else "ok"]

@@ -55,7 +55,7 @@ def _print_unstable(line: Line, report: Report, bad: list[str], console: Console
         elif series in line.found and (said := describe(line.found[series], double)):
             console.print(Text(f"  {SERIES[series]}: {said}"))
     if line.first:
-        first = first_input(report.assignment, function, line.found[line.first[0]])
+        first = first_input(function, line.found[line.first[0]])
         given = ", ".join(f"{name} = {_vector(value)}" for name, value in first["inputs"].items())
         console.print(Text(f"  first ({first['case']}): {given}"))
         console.print(Text(f"  expected {_vector(first['expected'])}, got {_vector(first['actual'])}"))

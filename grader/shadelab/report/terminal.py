@@ -13,9 +13,8 @@ from rich.text import Text
 
 from shadelab.paths import shown
 from shadelab.result import Check, Result
+from shadelab.words import BACKENDS, FILES
 
-BACKENDS = {"cpp": "C++", "glsl": "GLSL"}
-FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
 # In the order in which data flows: what comes first is to be mended first.
 KINDS = {
     "build": "Build", "function": "Functions", "image": "Images", "parity": "Parity", "stability": "Stability",

@@ -272,7 +272,7 @@ def _turned(v: np.ndarray, angle: np.ndarray, rng: np.random.Generator) -> np.nd
 
 def _arguments(assignment: Assignment, function: Function, inputs: Arrays, dtype: type) -> np.ndarray:
     """The inputs as the function's rows; a number stands for all components of a vector."""
-    columns = assignment.input_columns(function)
+    columns = function.inputs
     arrays = {}
     for column in columns:
         array = inputs[column.path]

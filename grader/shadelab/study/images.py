@@ -9,7 +9,8 @@ import numpy as np
 from shadelab.course.assignment import Assignment, flat_rows, named_arrays
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError
-from shadelab.evidence.runners import CppRunner, Evaluate
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.tasks import Evaluate
 from shadelab.machine.build import FUNCTIONS, Recipe
 from shadelab.measure import bench
 from shadelab.study.timing import Program, Workbench
@@ -105,7 +106,7 @@ class Functions:
     def call(self, name: str, count: int, arguments: dict[str, Any]) -> dict[str, np.ndarray]:
         """`arguments` by column path; what is the same for all evaluations is given once."""
         function = self.assignment.function(name)
-        columns = self.assignment.input_columns(function)
+        columns = function.inputs
         widths = {c.path: c.width for c in columns}
         arrays = {}
         for path, value in arguments.items():
@@ -114,7 +115,7 @@ class Functions:
         output = self.runner.evaluate(Evaluate(function, flat_rows(columns, arrays, np.float64)))
         if output.array is None:
             raise InfrastructureError(f"{self.assignment.name}: {name} {output.failure}")
-        return named_arrays(self.assignment.output_columns(function), output.array)
+        return named_arrays(function.outputs, output.array)
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

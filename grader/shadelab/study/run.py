@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from shadelab.course.assignment import Assignment, Scene, assignment_names, load_assignment
-from shadelab.machine.build import processor_level
+from shadelab.machine.processor import processor_level
 from shadelab.machine.sandbox import work_folder
 from shadelab.measure.bench import Progress, describe_machine
 from shadelab.paths import SOLUTION, shown

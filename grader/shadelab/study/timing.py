@@ -17,8 +17,9 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, Scene
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.evidence.runners import DRAW_LIMITS, Draw, GlslRunner, load_image
-from shadelab.machine.build import BuildError, Recipe, build_plugin
+from shadelab.evidence.glsl import GlslRunner
+from shadelab.evidence.tasks import DRAW_LIMITS, BuildError, Draw, load_image
+from shadelab.machine.build import Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox
 from shadelab.measure.bench import Bench, Progress, Resident, frames_command, make_packet
 from shadelab.paths import RENDER, shown

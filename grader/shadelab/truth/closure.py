@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from shadelab.errors import InfrastructureError
-
-PACKAGE = Path(__file__).resolve().parents[1]
+from shadelab.paths import PACKAGE
 
 
 def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:

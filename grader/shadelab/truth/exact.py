@@ -23,7 +23,7 @@ def load(file: Path) -> ModuleType:
 def evaluate(assignment: Assignment, function: Function, rows: np.ndarray) -> np.ndarray:
     """(N, results) float64: the truth, rounded once. Directions are unit to 50 digits. Where a formula divides by zero: NaN."""
     module = load(assignment.directory / "exact.py")
-    out = np.full((len(rows), len(assignment.output_columns(function))), np.nan)
+    out = np.full((len(rows), len(function.outputs)), np.nan)
     for k, row in enumerate(rows):
         try:
             out[k] = [
@@ -43,7 +43,7 @@ def _nested(assignment: Assignment, values: list[Value], row: list[float]) -> li
             members = assignment.structs[value.domain.type].values
             out.append(dict(zip([m.name for m in members], _nested(assignment, members, row))))
             continue
-        numbers = vector(*(float(row.pop(0)) for _ in assignment.columns([value])))
+        numbers = vector(*(float(row.pop(0)) for _ in range(value.domain.width)))
         if value.domain.kind in ("unit", "upper"):
             numbers = normalize(numbers)
         out.append(numbers if len(numbers) > 1 else numbers[0])

@@ -1,4 +1,4 @@
-"""Expected data: all that grading knows of a solution. reference.py makes it; a release carries its public part.
+"""Expected data: all that grading knows of a solution. making.py makes it; a release carries its public part.
 
 In its folder stand
     facts.json          what holds for the whole assignment: which functions call which, the measured spread of correct programs
@@ -14,7 +14,7 @@ In its folder stand
 import hashlib
 import json
 import os
-import subprocess
+import threading
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -24,10 +24,9 @@ from typing import Any
 import numpy as np
 
 from shadelab.course.assignment import Assignment, Function, Scene
-from shadelab.course.toml_files import read_toml
-from shadelab.errors import InfrastructureError
-from shadelab.machine.build import glue_folder
-from shadelab.paths import RENDER, STATE, shown
+from shadelab.machine import renderer
+from shadelab.machine.glue import glue_folder
+from shadelab.paths import STATE
 from shadelab.truth.extremes import StableTable
 
 # The film's channels with all layers, in the order of film.hpp.
@@ -105,29 +104,26 @@ class Expected:
         return max(self.facts.driver.values()) if backend == "glsl" else 0.0
 
     def floor(self, function: Function, backend: str) -> float:
-        """The largest scaled error of a correct program (findings.py says what is done with it)."""
+        """The largest scaled error of a correct program (measures.py says what is done with it)."""
         return max(self.facts.spread[function.name][backend].values())
 
     def scene(self, scene: Scene) -> "SceneTruth":
         return SceneTruth.load(self.folder / f"{scene.name}.npz")
 
-    def packet(self, scene: Scene, assignment: Assignment) -> Path:
+    def packet(self, scene: Scene) -> Path:
         """A release carries none: they repeat the meshes, of which one is not ours to hand on. There they are made when they are
         wanted, and kept by what they are made from."""
         file = self.folder / f"{scene.name}.packet"
         if file.exists():
             return file
-        made_from = hashlib.sha256(b"".join(f.read_bytes() for f in [scene.file, *scene_meshes(scene)])).hexdigest()[
-            :16
-        ]
-        file = STATE / "packets" / f"{glue_folder(assignment.directory).name}-{scene.name}-{made_from}.packet"
+        sources = [scene.file, *scene.described.meshes]
+        made_from = hashlib.sha256(b"".join(f.read_bytes() for f in sources)).hexdigest()[:16]
+        glue = glue_folder(scene.assignment).name
+        file = STATE / "packets" / f"{glue}-{scene.name}-{made_from}.packet"
         if not file.exists():
             file.parent.mkdir(parents=True, exist_ok=True)
-            temporary = file.with_suffix(f".{os.getpid()}")
-            command = ["packet", scene.file, "--assignment", assignment.directory, "--terms", "-o", temporary]
-            outcome = subprocess.run([RENDER, *command], capture_output=True, text=True)
-            if outcome.returncode:
-                raise InfrastructureError(f"{shown(scene.file)}: {outcome.stderr.strip()}")
+            temporary = file.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+            renderer.packet(scene.file, scene.assignment, temporary, renderer.View("terms"))
             os.replace(temporary, file)
         return file
 
@@ -205,22 +201,6 @@ class SceneTruth:
     @property
     def lights(self) -> list[dict[str, Any]]:
         return self.facts.lights
-
-
-def scene_meshes(scene: Scene) -> list[Path]:
-    """The mesh files that the scene names."""
-    objects = read_toml(scene.file).get("object", [])
-    meshes = [
-        (scene.file.parent / o["mesh"]).resolve()
-        for o in objects
-        if isinstance(o, dict) and isinstance(o.get("mesh"), str)
-    ]
-    return list(dict.fromkeys(meshes))
-
-
-def missing_meshes(scene: Scene) -> list[Path]:
-    """Those that this machine lacks (a scanned one is fetched at set-up, where that is possible)."""
-    return [mesh for mesh in scene_meshes(scene) if not mesh.exists()]
 
 
 def scene_mask(layers: np.ndarray, eye: np.ndarray, pixel_angle: float) -> np.ndarray:

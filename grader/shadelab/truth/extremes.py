@@ -53,7 +53,7 @@ def extreme_table(assignment: Assignment, function: Function, seed: int) -> Stab
     def add(label: str, drawn: dict[str, np.ndarray]) -> None:
         for low, high in stable.ordered:
             drawn[low] = np.minimum(drawn[low], drawn[high])
-        parts.append((label, as_rows(assignment, function, drawn)))
+        parts.append((label, as_rows(function, drawn)))
 
     def draw(rows: int, pinned: dict[str, Any]) -> dict[str, np.ndarray]:
         drawn: dict[str, np.ndarray] = {}
@@ -92,7 +92,7 @@ def extreme_table(assignment: Assignment, function: Function, seed: int) -> Stab
         rising += [(first + k, first + k + 1) for k in range(SWEEP_ROWS - 1)]
     swapped = []
     if stable.reciprocal:
-        columns = assignment.input_columns(function)
+        columns = function.inputs
         own = np.vstack([rows for label, rows in parts if label == ANYWHERE])
         one, two = ([k for k, c in enumerate(columns) if c.path == path] for path in stable.reciprocal.swap)
         other = own.copy()
@@ -105,7 +105,7 @@ def extreme_table(assignment: Assignment, function: Function, seed: int) -> Stab
     cases = list(dict.fromkeys(label for label, _ in parts))
     labels = np.concatenate([np.full(len(rows), cases.index(label)) for label, rows in parts])
     pairs = [np.array(p, int).reshape(-1, 2) for p in (rising, swapped)]
-    unknown = np.full((len(rows), len(assignment.output_columns(function))), np.nan)
+    unknown = np.full((len(rows), len(function.outputs)), np.nan)
     return StableTable(rows, labels, *pairs, unknown, unknown, cases)
 
 
@@ -115,7 +115,7 @@ def _extreme(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
         return unit_vectors(rng.normal(size=(rows, 3)))
     if domain.kind == "position":
         return rng.uniform(-1, 1, size=(rows, 3)) * np.exp(rng.uniform(np.log(1e-3), np.log(1e3), (rows, 1)))
-    width = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}[domain.type]
+    width = domain.width
     size = (rows, width)
     low, high = {"rgb": (0.0, 1.0), "cosine": (0.0, 1.0), "angle": (0.0, np.pi / 2)}.get(domain.kind) or domain.range
     if domain.type == "int":
@@ -151,7 +151,7 @@ def _close(to: np.ndarray, by: tuple[float, float], path: str, rows: int, rng: n
 def _sweeps(assignment: Assignment, function: Function) -> list[tuple[str, np.ndarray | str]]:
     """What moves along a sweep, from low to high; a direction moves away from the normal of its hemisphere."""
     out: list[tuple[str, np.ndarray | str]] = []
-    for column in assignment.input_columns(function):
+    for column in function.inputs:
         domain = column.domain
         if domain.kind == "upper" and column.index == 0 and not domain.opposite:
             out.append((column.path, domain.base))

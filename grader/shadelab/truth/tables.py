@@ -28,12 +28,12 @@ def make_table(assignment: Assignment, function: Function, seed: int, rows: int 
     draw_values(assignment, function.values, "", rows, rng, drawn)
     axis_rows(function, drawn)
     _gate_rows(function, drawn)
-    return as_rows(assignment, function, drawn)
+    return as_rows(function, drawn)
 
 
-def as_rows(assignment: Assignment, function: Function, drawn: dict[str, np.ndarray]) -> np.ndarray:
+def as_rows(function: Function, drawn: dict[str, np.ndarray]) -> np.ndarray:
     """(rows, columns) float32 of what was drawn for each column."""
-    paths = dict.fromkeys(c.path for c in assignment.input_columns(function))
+    paths = dict.fromkeys(c.path for c in function.inputs)
     return np.concatenate([drawn[p].reshape(len(drawn[p]), -1) for p in paths], axis=1).astype(np.float32)
 
 
@@ -87,7 +87,7 @@ def _typical(domain: Domain, rows: int, rng: np.random.Generator) -> np.ndarray:
     if domain.kind == "angle":
         return rng.uniform(0, np.pi / 2, rows)
     low, high = domain.typical or domain.range
-    width = {"Real": 1, "int": 1, "vec2": 2, "vec3": 3, "vec4": 4}[domain.type]
+    width = domain.width
     if domain.type == "int":
         values = rng.integers(int(low), int(high) + 1, size=(rows, width)).astype(float)
     elif domain.scale == "log":
@@ -157,22 +157,22 @@ def rotated(v: np.ndarray, angle: np.ndarray, rng: np.random.Generator) -> np.nd
     return v * np.cos(angle)[:, None] + tangent * np.sin(angle)[:, None]
 
 
-def renormalised(assignment: Assignment, function: Function, rows: np.ndarray) -> np.ndarray:
+def renormalised(function: Function, rows: np.ndarray) -> np.ndarray:
     """float64 rows for the truth: arguments declared unit or upper are what the float32 numbers stand for, unit vectors."""
     out = rows.astype(np.float64)
-    for k, column in enumerate(assignment.input_columns(function)):
+    for k, column in enumerate(function.inputs):
         if column.index == 0 and column.domain.kind in ("unit", "upper"):
             vectors = out[:, k : k + 3]
             out[:, k : k + 3] = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return out
 
 
-def jittered(assignment: Assignment, function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
+def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
     """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any float32
     computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; equal numbers of a row stay
     equal, so that a spotlight without a ramp has none."""
     rng = np.random.default_rng(JITTERS)
-    whole = np.array([c.domain.type == "int" for c in assignment.input_columns(function)])
+    whole = np.array([c.domain.type == "int" for c in function.inputs])
     size = np.where(whole, 0.0, units * 2.0**-23)
     first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)  # of each number, the first column that holds it
     return [
@@ -180,10 +180,10 @@ def jittered(assignment: Assignment, function: Function, rows: np.ndarray, units
     ]
 
 
-def moved_one_by_one(assignment: Assignment, function: Function, rows: np.ndarray, units: float = 0.5) -> np.ndarray:
+def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -> np.ndarray:
     """(columns, 2, N, columns): the rows with one number at a time `units` of float32's last place larger, then smaller. As above, zeros
     stay zero and equal numbers of a row move together."""
-    columns = assignment.input_columns(function)
+    columns = function.inputs
     first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)
     out = np.repeat(rows[None, None], 2, axis=1).repeat(len(columns), axis=0)
     for k, column in enumerate(columns):

@@ -1,0 +1,3 @@
+// The interpolated colours of vertices.
+@varyings@@outputs@void main() {
+@writes@}

@@ -1,0 +1,63 @@
+"""The program: its groups of commands, and what becomes of errors.
+
+Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed check or test; 2 bad usage or bad input;
+3 infrastructure.
+"""
+
+import importlib
+import sys
+
+import typer
+
+from shadelab.errors import InfrastructureError, UserError
+from shadelab.paths import ROOT
+
+# In the order of `--help`. A release holds no solution: what instructors use is not there.
+GROUPS = ("grading", "drawing", "course", "measuring", "release", "machine")
+INSTRUCTORS = ("course", "measuring", "release")
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="""Write shading functions in C++ and GLSL, see them rendered, and have them graded.
+
+Start with
+
+    ./shadelab grade starter/phong
+
+which grades the unfinished assignment and says for each function what is wrong. Fill in shading.cpp and shading.glsl there,
+and grade again. `./shadelab COMMAND --help` explains each command.""",
+)
+
+
+_UsageError = typer.BadParameter.__bases__[0]  # click's class; typer has it from click or carries it itself
+
+
+def main() -> None:
+    for group in GROUPS:
+        if group not in INSTRUCTORS or (ROOT / "solution").is_dir():
+            importlib.import_module(f"shadelab.cli.{group}").register(app)
+    try:
+        sys.exit(app(standalone_mode=False, prog_name="./shadelab") or 0)
+    except typer.Exit as done:
+        sys.exit(done.exit_code)
+    except _UsageError as error:
+        print(" ".join(error.format_message().split()), file=sys.stderr)
+        sys.exit(2)
+    except typer.Abort:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    except InfrastructureError as error:
+        print(error, file=sys.stderr)
+        sys.exit(3)
+    except OSError as error:
+        print(f"{error.filename or ''}: {error.strerror}", file=sys.stderr)
+        sys.exit(3)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)

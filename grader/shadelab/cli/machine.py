@@ -1,0 +1,63 @@
+"""doctor, test: the machine and the house itself."""
+
+import os
+import subprocess
+import sys
+from typing import Annotated, Optional
+
+import typer
+from rich.console import Console
+
+from shadelab.paths import ROOT
+
+
+def register(app: typer.Typer) -> None:
+    app.command()(doctor)
+    if (ROOT / "tests").is_dir():  # a release has none
+        app.command()(test)
+
+
+def doctor() -> None:
+    """Say what this machine can do, and how to mend what it can't."""
+    from shadelab.inspect.doctor import examine
+
+    output = Console(highlight=False)
+    findings = examine()
+    for finding in findings:
+        mark = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]bad [/]"}[finding.state]
+        output.print(f"{mark}  {finding.what}: ", end="")
+        output.print(finding.says, markup=False)
+        if finding.mend:
+            output.print(f"      {finding.mend}", markup=False)
+    if any(f.state == "bad" for f in findings):
+        raise typer.Exit(3)
+
+
+def test(
+    slow: Annotated[bool, typer.Option("--slow", help="also the tests marked slow and oracle")] = False,
+    select: Annotated[
+        Optional[str], typer.Option("-k", metavar="WORDS", help="only Python tests whose name matches")
+    ] = None,
+) -> None:
+    """Run all tests: C++ (ctest) and Python (pytest). The output ends with pytest's summary."""
+    environment = {**os.environ, "SHADELAB_ROOT": str(ROOT)}
+    # Only those who run the tests compile them; set-up builds the renderer alone.
+    print("building the C++ tests", file=sys.stderr)
+    build = subprocess.run(["ninja", "-C", str(ROOT / "build"), "--quiet"], capture_output=True, text=True)
+    if build.returncode:
+        print(build.stdout[-4000:], build.stderr[-1000:], "the C++ tests do not compile", sep="\n", file=sys.stderr)
+        raise typer.Exit(1)
+    cpp = subprocess.run(
+        ["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment
+    ).returncode
+    # -I: a submission's numpy.py in the working folder must never be imported by us.
+    command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
+    # A file's tests stay together: they share what their fixtures have graded.
+    command += ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
+    command += [] if slow else ["-m", "not slow and not oracle"]
+    command += ["-k", select] if select else []
+    python = subprocess.run(command, cwd=ROOT, env=environment).returncode
+    if cpp:
+        print("the C++ tests failed (above)", file=sys.stderr)
+    if cpp or python:
+        raise typer.Exit(1)

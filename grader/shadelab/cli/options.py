@@ -1,0 +1,79 @@
+"""What commands share: options, where output goes, and progress."""
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, Optional
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from shadelab.errors import UserError
+from shadelab.paths import SCENES, shown
+
+errors = Console(stderr=True, highlight=False)
+
+Backend = Literal["cpp", "glsl"]
+Submission = Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")]
+AssignmentName = Annotated[
+    Optional[str],
+    typer.Option("--assignment", help="which assignment (default: from assignment.toml or the folder's name)"),
+]
+Shading = Annotated[
+    Optional[Path], typer.Option(metavar="DIR", help="whose shading functions (default: the solution's)")
+]
+
+
+def json_option(what: str):
+    """--json FILE|-"""
+    return Annotated[Optional[str], typer.Option("--json", metavar="FILE|-", help=f"{what}; - is stdout")]
+
+
+@contextmanager
+def progress_bar():
+    """A callable (what, done, total) that draws on stderr, where somebody looks at it."""
+    if not errors.is_terminal:
+        yield lambda what, done, total: None
+        return
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TimeElapsedColumn(),
+    ]
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task("starting", total=1)
+        yield lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
+
+
+class Json:
+    """Where --json goes. What people read goes to stdout, or to stderr when the JSON takes stdout."""
+
+    def __init__(self, target: str | None) -> None:
+        if target and target != "-" and not Path(target).absolute().parent.is_dir():
+            raise UserError(f"--json {target}: there is no folder {shown(Path(target).parent)}")
+        self.target = target
+
+    @property
+    def console(self) -> Console:
+        return errors if self.target == "-" else Console(highlight=False)
+
+    def write(self, text: str) -> None:
+        if self.target == "-":
+            print(text, end="")
+        elif self.target:
+            Path(self.target).write_text(text)
+
+
+def existing_scene(scene: Path) -> Path:
+    if not scene.is_file():
+        raise UserError(f"{shown(scene)}: cannot be read; does the file exist? Scenes stand in {shown(SCENES)}")
+    return scene
+
+
+def make_folder(out: Path) -> Path:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{shown(out)}: cannot be made: {error.strerror}; choose another folder with --out") from None
+    return out

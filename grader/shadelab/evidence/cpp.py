@@ -1,0 +1,121 @@
+"""What a student's C++ computes, in child processes behind the sandbox: a crash, a hang or a wrong output costs the one task that it
+happened in."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment
+from shadelab.errors import InfrastructureError
+from shadelab.evidence.messages import readable_errors
+from shadelab.evidence.tasks import (
+    DRAW_LIMITS,
+    EVALUATE_LIMITS,
+    BuildError,
+    Draw,
+    Evaluate,
+    Output,
+    Record,
+    Task,
+    is_regular,
+    load_image,
+)
+from shadelab.machine import renderer
+from shadelab.machine.build import CompileError, Plugin, Recipe, build_plugin
+from shadelab.machine.command import Command
+from shadelab.machine.sandbox import Limits, Outcome, Sandbox
+
+
+class CppRunner:
+    backend = "cpp"
+
+    def __init__(self, assignment: Assignment, sandbox: Sandbox, recipe: Recipe = Recipe()) -> None:  # noqa: B008
+        self.assignment, self.sandbox, self.recipe = assignment, sandbox, recipe
+        self.plugin: Plugin | None = None
+
+    def build(self, folder: Path) -> None:
+        """Raises BuildError."""
+        try:
+            self.plugin = build_plugin(self.assignment.glue, folder / "shading.cpp", self.sandbox, self.recipe)
+        except CompileError as error:
+            said = readable_errors(error.stderr, self.assignment) or f"the compiler {error.ending}"
+            raise BuildError(said) from None
+
+    def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
+        for task in tasks:
+            yield task, self.evaluate(task) if isinstance(task, Evaluate) else self.draw(task)
+
+    def _run(self, command: Command, limits: Limits) -> Outcome:
+        """An exit code says nothing about whose fault it is (the student's code may call exit), but a full disk is ours."""
+        outcome = self.sandbox.run(command, limits)
+        if not outcome.ok and shutil.disk_usage(self.sandbox.folder).free < limits.file_size:
+            raise InfrastructureError(f"the disk is nearly full: {self.sandbox.folder}")
+        return outcome
+
+    def evaluate(self, task: Evaluate) -> Output:
+        real = np.float64 if self.recipe.double else np.float32
+        rows, results = self.sandbox.fresh("rows.bin"), self.sandbox.fresh("results.bin")
+        task.rows.astype(real).tofile(rows)
+        follow = None if task.records is None else self._write_records(task.records, real)
+        command = renderer.evaluate(self.plugin.file, task.function.name, rows, results, follow)
+        outcome = self._run(command, EVALUATE_LIMITS)
+        output = Output(
+            printed=outcome.stdout.decode(errors="replace"), seconds=outcome.seconds, hung=outcome.timed_out
+        )
+        shape = (len(task.rows), len(task.function.outputs))
+        if not outcome.ok:
+            output.failure = outcome.explain(EVALUATE_LIMITS)
+        elif not is_regular(results) or results.stat().st_size != shape[0] * shape[1] * np.dtype(real).itemsize:
+            output.failure = "ended the program without giving its results (does it call exit?)"
+        else:
+            output.array = np.fromfile(results, real).reshape(shape)
+            for name in task.records or {}:
+                columns = len(self.assignment.function(name).inputs)
+                output.missing[name] = np.fromfile(follow / f"{name}.missing", np.float32).reshape(-1, columns)
+        return output
+
+    def _write_records(self, records: dict[str, Record], real: type) -> Path:
+        folder = self.sandbox.fresh("records")
+        folder.mkdir()
+        for name, (arguments, outputs) in records.items():
+            np.hstack([arguments, outputs]).astype(real).tofile(folder / f"{name}.known")
+        return folder
+
+    def draw(self, task: Draw) -> Output:
+        image, counts = self.sandbox.fresh("image.npy"), self.sandbox.fresh("statistics.json")
+        files = renderer.ImageFiles(image, counts, repeat=task.frames)
+        view = renderer.View(task.layers, shift=task.shift)
+        command = renderer.image(task.scene.described, self.assignment.directory, self.plugin.file, view, files)
+        outcome = self._run(command, DRAW_LIMITS)
+        output = Output(
+            printed=outcome.stdout.decode(errors="replace"), seconds=outcome.seconds, hung=outcome.timed_out
+        )
+        if not outcome.ok:
+            output.failure = outcome.explain(DRAW_LIMITS)
+            return output
+        try:
+            output.array = load_image(image)
+            output.first_not_finite, output.frames = _read_statistics(counts, task.frames)
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            output.array = None
+            output.failure = "ended the program without giving its image (does it call exit?)"
+        return output
+
+
+def _read_statistics(file: Path, frames: int) -> tuple[str | None, list[float]]:
+    """The renderer's note of where a value that is not finite first stood, as a sentence, and the seconds of further frames."""
+    if not is_regular(file) or file.stat().st_size > 1 << 16:
+        raise ValueError("no statistics")
+    counts = json.loads(file.read_text())
+    seconds = [float(s) for s in counts["repeats"][:frames]]
+    if not all(0 < s < DRAW_LIMITS.seconds for s in seconds):
+        raise ValueError("no seconds")
+    first = counts.get("first_not_finite")
+    if first is None:
+        return None, seconds
+    n, x, v = ("(" + ", ".join(f"{float(c):.6g}" for c in first[name]) + ")" for name in ("n", "position", "v"))
+    place = f"pixel ({int(first['x'])}, {int(first['y'])}), material {str(first['material'])[:80]}"
+    return f"not finite first at {place}: n = {n}, x = {x}, v = {v}", seconds

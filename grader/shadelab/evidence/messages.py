@@ -1,0 +1,128 @@
+"""What compilers say, as lines that a student can act on: the student's own file and line, and types as students write them."""
+
+import re
+from pathlib import Path
+
+from shadelab.course.assignment import Assignment
+
+MAX_LINES = 5  # of one error
+PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hpp); below it are the student's
+
+# ------------------------------------------------------------------------------------------------- C++ messages
+
+_located = re.compile(
+    r"^(?P<file>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<kind>fatal error|error|note|warning): (?P<text>.*)$"
+)
+_required = re.compile(r"^(?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+):\s+required from here")
+_undefined = re.compile(r"(?:undefined reference to|undefined symbol) [`'](?P<name>[^'(]+)")
+_vec = re.compile(r"(?:glm::)?vec<(\d), (?:Real|float|double)(?:, (?:\(glm::qualifier\)0|glm::\w+))?>")
+
+
+def _plain(text: str) -> str:
+    """Types and functions as students write them: no namespaces, no template arguments, no aliases."""
+    text = text.replace("‘", "'").replace("’", "'")
+    text = _vec.sub(r"vec\1", text)
+    text = re.sub(r"\bvec<(\d)(?:,\[\.\.\.\])*>", r"vec\1", text)
+    text = re.sub(r" ?\{aka [^}]*\}", "", text)
+    text = re.sub(r"\b(?:shadelab|glsl|glm|given|gen)::", "", text)
+    text = re.sub(r"(\w)<[^<>]*(?:float|double|packed_highp|qualifier|defaultp)[^<>]*>", r"\1", text)
+    return re.sub(r" +", " ", text).strip()
+
+
+def _declared(assignment: Assignment) -> dict[str, str]:
+    """How each function of the assignment is declared."""
+    types = {name: name for name in assignment.structs}
+    return {
+        f.name: f"{f.returns} {f.name}({', '.join(f'{types.get(v.domain.type, v.domain.type)} {v.name}' for v in f.values)})"
+        for f in assignment.functions
+    }
+
+
+def _behind_the_file(text: str, assignment: Assignment) -> str:
+    """An error in the generated code is about how it calls the student's functions, or about what the file left open."""
+    declared = _declared(assignment)
+    for name, prototype in declared.items():
+        if re.search(rf"\b{name}\b", text):
+            if "not declared" in text:
+                return f"the function {name} is missing; declare it as {prototype}"
+            return f"the framework cannot call {name} ({text}); declare it as {prototype}"
+    return f"{text} (noticed behind the file's end: is a brace, a comment or an #if left open?)"
+
+
+def _name_is_taken(text: str, assignment: Assignment) -> str:
+    """A helper with the name of a given function, called or defined: say so."""
+    for earlier in assignment.given:
+        for function in earlier.functions:
+            if re.search(rf"'{function.name}\b", text) and ("ambiguous" in text or "redefin" in text):
+                return f"{text}: {function.name} is a given function ({earlier.name}); choose another name for yours"
+    return text
+
+
+def readable_errors(stderr: str, assignment: Assignment) -> str:
+    """At most MAX_LINES lines for each of the first errors, all in terms of the student's file."""
+    lines = stderr.splitlines()
+    out: list[str] = []
+    called_from: str | None = None
+    index = 0
+    while index < len(lines):
+        line = lines[index]
+        index += 1
+        if required := _required.match(line):
+            called_from = f"shading.cpp:{required['line']}:{required['column']}"
+            continue
+        found = _located.match(line)
+        if not found or "error" not in found["kind"]:
+            continue
+        text = _plain(found["text"])
+        if Path(found["file"]).name == "shading.cpp" and "/" not in found["file"].removeprefix("./"):
+            excerpt = []
+            while index < len(lines) and re.match(r"^\s+\d* \|", lines[index]) and len(excerpt) < MAX_LINES - 1:
+                excerpt.append(lines[index].rstrip())
+                index += 1
+            place = f"shading.cpp:{found['line']}" + (f":{found['column']}" if found["column"] else "")
+            text = _name_is_taken(text, assignment)
+            out.append("\n".join([f"{place}: {text}", *[e for e in excerpt if e.strip(" |")]]))
+        elif called_from is not None:
+            if not out:  # otherwise a consequence inside the library of what was reported already
+                out.append(f"{called_from}: {text}")
+        elif not out:
+            out.append(f"shading.cpp: {_behind_the_file(text, assignment)}")
+        called_from = None
+    for name in dict.fromkeys(_plain(m["name"]) for m in _undefined.finditer(stderr)):
+        out.append(f"shading.cpp: {name} is declared and called, but not defined")
+    return "\n".join(out[:3])
+
+
+# ------------------------------------------------------------------------------------------------ GLSL messages
+
+_glsl = re.compile(
+    r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?:preprocessor )?(?P<kind>error|warning): (?P<text>.*)$"
+)
+
+
+def readable_shader_errors(message: str, assignment: Assignment) -> str:
+    """The driver's messages with the student's file and line; of lines outside it, what they mean for the student."""
+    own: dict[int, str] = {}  # the first message of each line: what follows on it is a consequence
+    others = []
+    for line in message.splitlines():
+        found = _glsl.match(line)
+        if found and found["kind"] == "error":
+            number, text = int(found["line"]), found["text"].removesuffix("; candidates are:").replace("`", "'")
+            text = _name_is_taken(text, assignment)
+            if "'main' redefined" in text:
+                others.append("shading.glsl: remove main: the framework puts its own around your functions")
+            elif number == 0:  # of the shader as a whole
+                others.append(f"shading.glsl: {text}")
+            elif number < PRELUDE_LINE:
+                own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {text}")
+            else:
+                others.append(
+                    f"shading.glsl: {text} (noticed behind the file's end: is a brace, a comment or an #if left open?)"
+                )
+        elif "unresolved reference to function" in line:
+            name = line.split("`")[-1].rstrip("'")
+            others.append(
+                f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones"
+            )
+    words = [line for line in message.splitlines() if line.strip(" =")]
+    return "\n".join([*own.values()][:3] or others[:1] or words[:MAX_LINES])

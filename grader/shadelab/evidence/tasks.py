@@ -1,0 +1,98 @@
+"""What student code is asked, and what it gives."""
+
+import statistics
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from shadelab.course.assignment import Function, Scene
+from shadelab.machine.build import Recipe
+from shadelab.machine.sandbox import Limits
+
+T = TypeVar("T")
+
+EVALUATE_LIMITS = Limits(seconds=5)
+DRAW_LIMITS = Limits(seconds=20)
+
+
+Record = tuple[np.ndarray, np.ndarray]  # arguments (N, columns in) and outputs (N, columns out) of a function
+
+
+@dataclass(frozen=True)
+class Program:
+    """Whose C++ answers, and how it is compiled, where that is not the submission as the grading compiles it."""
+
+    recipe: Recipe
+    text: str | None = None  # our own code; None: the submission's
+    what: str = "the submission"
+
+
+@dataclass
+class Evaluate:
+    """One function over a table of rows (float32; float64 for a double plugin)."""
+
+    function: Function
+    rows: np.ndarray
+    student: Path | None = None  # GLSL: another file than the runner's; for our own code
+    program: Program | None = None  # None: whoever is asked
+    records: dict[str, Record] | None = None  # outputs that stand in for functions, by name (follow-through)
+
+
+@dataclass
+class Draw:
+    """One scene. `packet` is its frame packet, for the OpenGL client."""
+
+    scene: Scene
+    packet: Path | None = None
+    layers: str = "terms"  # total | terms | all: what the C++ image holds (a packet says it for the OpenGL client)
+    shift: tuple[float, float] = (0.0, 0.0)  # pixels right and up, in C++
+    frames: int = 0  # drawn after the image, to measure the time of one
+    program: Program | None = None  # C++; None: whoever is asked
+
+
+Task = Evaluate | Draw
+# Asks, is told what came, and comes to an end: whoever judges never runs anything.
+Asking = Generator[Task, "Output", T]
+
+
+@dataclass
+class Output:
+    array: np.ndarray | None = None
+    failure: str | None = None  # what the student's code did instead of giving numbers
+    hung: bool = False
+    printed: str = ""
+    seconds: float = 0.0
+    missing: dict[str, np.ndarray] = field(
+        default_factory=dict
+    )  # of each function with a record: the arguments that it lacks
+    frames: list[float] = field(default_factory=list)  # seconds of further frames: without loading and compiling
+    first_not_finite: str | None = None  # where, and with what inputs
+
+    @property
+    def frame(self) -> float | None:
+        """Seconds: the median."""
+        return statistics.median(self.frames) if self.frames else None
+
+
+@dataclass
+class BuildError(Exception):
+    """The student's code does not compile. `message` names the student's own file and line."""
+
+    message: str
+
+
+def is_regular(file: Path) -> bool:
+    """A plain file and no link, pipe or folder: a read cannot block or lead elsewhere."""
+    return file.is_file() and not file.is_symlink() and file.stat().st_size <= Limits().file_size
+
+
+def load_image(file: Path) -> np.ndarray:
+    if not is_regular(file):
+        raise ValueError("no image")
+    image = np.load(file, allow_pickle=False)
+    if image.dtype != np.float32 or image.ndim != 3:
+        raise ValueError("no float32 image")
+    return image

@@ -1,0 +1,16 @@
+"""The kinds of checks, in the order of the data flow: a module each, with
+
+NAME                    as in ids and result.json: cpp/NAME/item
+STAGE                   kinds of one stage are asked together; a stage begins when the one before it has its verdicts
+TOGETHER                whether the first questions of all checks of a stage are run together
+BOTH                    whether it is asked of the two languages together, at the end (under the last one's name, without points)
+items(assignment)       what is checked: (name, points for both languages together, item)
+judge(plan, ledger)     a generator: yields Evaluate or Draw, is sent the Output, and returns the Check. Of BOTH kinds `ledger` is one for
+                        each language. What it may know of other checks stands in the ledger.
+
+Nothing here runs anything: the scheduler does. A new kind is a module and a line of this list.
+"""
+
+from shadelab.grading.kinds import build, custom, function, image, parity, stability
+
+KINDS = [build, function, image, stability, custom, parity]

@@ -1,0 +1,128 @@
+"""One function over its table."""
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment, Function
+from shadelab.course.mistakes import load_changes, with_bodies
+from shadelab.evidence.tasks import Asking, Evaluate
+from shadelab.grading.ledger import Ledger
+from shadelab.grading.plan import Plan
+from shadelab.grading.questions import finished
+from shadelab.judge.diagnosis import Candidate, candidates, diagnose
+from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function
+from shadelab.result import Check
+from shadelab.truth.follow import FollowedSolution
+from shadelab.truth.measures import function_members
+from shadelab.truth.tables import jittered, renormalised
+from shadelab.words import listed
+
+NAME = "function"
+STAGE = 1
+TOGETHER = True
+BOTH = False
+
+
+def items(assignment: Assignment) -> list[tuple]:
+    return [(f.name, f.points, f) for f in assignment.functions if f.graded]
+
+
+def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
+    function: Function = plan.item
+    output = yield Evaluate(function, ledger.expected.table(function).rows)
+    if output.array is None:
+        if output.hung:
+            ledger.hung.add(plan.id)
+        return finished(plan.check("failed", f"{function.name} {output.failure}"), output)
+    ledger.outputs[function.name] = output.array
+    return finished((yield from _judge(plan, ledger, output.array)), output)
+
+
+def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
+    """By the truth; or else by the truth with what the student's own functions gave, of which some are wrong."""
+    function = plan.item
+    judgement = ledger.judged[function.name] = _by(plan, ledger, actual)
+    if judgement.check.status == "passed":
+        return judgement.check
+    wrong = [
+        name
+        for name in ledger.expected.facts.calls[function.name]
+        if name in ledger.judged and ledger.judged[name].check.status == "failed"
+    ]
+    members, limit = function_members(function), judgement.check.error.limit
+    known = candidates(ledger.expected, function, ledger.backend)
+    followed = (yield from _follow(ledger, function, wrong)) if wrong else None
+    if followed is not None:
+        other = _by(plan, ledger, actual, followed)
+        if other.check.score > judgement.check.score:
+            judgement = ledger.judged[function.name] = other
+        if judgement.check.status == "passed":
+            judgement.check.message = f"right, given what your {listed(wrong)} gives"
+            return judgement.check
+    found = diagnose(judgement, actual, limit, known, members)
+    written = len(np.unique(actual, axis=0)) > 1  # one that always gives the same is not written yet
+    if found is None and followed is not None and written:
+        found = diagnose(other, actual, limit, (yield from _followed_mistakes(ledger, function, wrong)), members)
+    check = judgement.check
+    if found is None:
+        if written:
+            check.message += "; not a mistake that the grader knows"
+    else:
+        ledger.diagnoses[function.name] = found
+        check.mistake = found.mistake
+        if found.function != function.name and found.function not in wrong:
+            check.message += f"; as if {found.function} were wrong inside it"
+        if found.other:
+            check.message += f"; there is a second mistake ({found.other.id}): {found.other.hint}"
+    return check
+
+
+def _by(plan: Plan, ledger: Ledger, actual: np.ndarray, followed: Followed | None = None) -> FunctionJudgement:
+    table, floor = ledger.expected.table(plan.item), ledger.expected.floor(plan.item, ledger.backend)
+    return judge_function(plan.item, ledger.backend, plan.points, table, floor, actual, followed)
+
+
+# ------------------------------------------------------------------------------------------------- follow-through
+
+
+def _solution(ledger: Ledger) -> str | None:
+    """Its C++; a release has none, and no follow-through."""
+    file = ledger.assignment.directory / "shading.cpp"
+    return file.read_text() if file.exists() else None
+
+
+def _follow(ledger: Ledger, function: Function, wrong: list[str]) -> Asking[Followed | None]:
+    """The reference with the outputs of the student's functions that are wrong, and how far rounding of the inputs moves it: a
+    wrong function may be wilder than the right one. None when this asks for nothing."""
+    solution = _solution(ledger)
+    if solution is None:
+        return None
+    callees = [ledger.assignment.function(name) for name in wrong]
+    table = ledger.expected.table(function)
+    exact = renormalised(function, table.rows)
+    # Wider than the truth's own: the arguments of the calls were rounded on their way, too.
+    inputs = np.concatenate([exact, *jittered(function, exact, units=2.0)])
+    results = yield from FollowedSolution(ledger.assignment, solution).with_recorded(function, inputs, callees)
+    if results is None:
+        return None
+    followed, *moved = results.reshape(-1, *table.truth.shape)
+    if not informative(followed):
+        return None
+    with np.errstate(invalid="ignore"):
+        conditioning = np.nan_to_num(np.abs(np.array(moved) - followed), nan=np.inf).max(axis=0)
+    not_finite = any(not np.isfinite(ledger.outputs[name]).all() for name in wrong)
+    return Followed(followed, np.maximum(conditioning, table.conditioning), not_finite)
+
+
+def _followed_mistakes(ledger: Ledger, function: Function, wrong: list[str]) -> Asking[list[Candidate]]:
+    """The function's own mistakes, on top of those of the functions that it calls."""
+    out, file = [], ledger.assignment.directory / "shading.cpp"
+    callees = [ledger.assignment.function(name) for name in wrong]
+    exact = renormalised(function, ledger.expected.table(function).rows)
+    for change in load_changes(ledger.assignment).mistake:
+        if change.function == function.name:
+            text = with_bodies(_solution(ledger), file, change.bodies_for("cpp"))
+            mistaken = FollowedSolution(ledger.assignment, text, change.id)
+            results = yield from mistaken.with_recorded(function, exact, callees)
+            if results is not None:
+                out.append(Candidate(change.id, change.function, change.hint, results))
+    return out

@@ -1,0 +1,78 @@
+"""One scene, drawn with the student's functions."""
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment, Scene
+from shadelab.evidence.tasks import Asking, Draw, Output
+from shadelab.grading.ledger import Ledger
+from shadelab.grading.plan import Plan
+from shadelab.grading.questions import finished
+from shadelab.judge.images import judge_image
+from shadelab.result import FRAMES, Check, Point, point_of
+from shadelab.truth.expected import TERM_CHANNELS, with_callees
+from shadelab.words import listed
+
+NAME = "image"
+STAGE = 2  # functions first: a scene whose model never ends would only use up the time again
+TOGETHER = True
+BOTH = False
+
+
+def items(assignment: Assignment) -> list[tuple]:
+    return [(scene.name, scene.points, scene) for scene in assignment.scenes]
+
+
+def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
+    scene: Scene = plan.item
+    if missing := scene.missing_meshes():
+        message = f"the mesh {missing[0].name} is not on this machine (./shadelab doctor says how to get it)"
+        check = plan.check("skipped", message)
+        check.max_score = 0.0  # nobody loses points for a mesh that could not be fetched
+        return check
+    used = functions_used(scene, ledger)
+    if waiting := ledger.hung_ids(used):
+        return plan.check("skipped", f"{waiting[0].split('/')[-1]} did not end in its own check", waiting)
+    frames = FRAMES if ledger.timed else 1
+    output = yield Draw(scene, ledger.expected.packet(scene), frames=frames)
+    check = _judge(plan, ledger, output)
+    if check.status == "failed":
+        _blame(check, ledger, used)
+    return finished(check, output)
+
+
+def functions_used(scene: Scene, ledger: Ledger) -> set[str]:
+    """The functions that a scene is drawn with: those of the assignment's that the framework calls, and what these call."""
+    own = {f.name for f in ledger.assignment.functions}
+    return with_callees(own & set(scene.described.calls), ledger.expected.facts.calls)
+
+
+def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
+    scene = plan.item
+    truth = ledger.expected.scene(scene)
+    if ledger.pictures.kept:
+        ledger.pictures.keep_truth(ledger.expected.folder, scene.name)
+    layers, shape = output.array, (*truth.total.shape[:2], TERM_CHANNELS)
+    if layers is None or layers.shape != shape:
+        failure = output.failure or f"gave an image of another size: {layers.shape}"
+        ledger.undrawn[scene.name] = failure
+        return plan.check("failed", f"{scene.name}: the render {failure}")
+    if ledger.pictures.kept or ledger.assignment.custom:  # custom checks ask for pictures, too
+        ledger.pictures.save(ledger.backend, scene.name, layers)
+    check = judge_image(scene, ledger.backend, plan.points, truth, layers)
+    check.runs = [Point(**run) for run in truth.facts.runs]
+    off = layers[..., :3].astype(np.float64) - truth.total
+    if output.frames and np.isfinite(off).all():
+        check.runs.insert(0, point_of("yours", off, output.frames))
+    return check
+
+
+def _blame(check: Check, ledger: Ledger, used: set[str]) -> None:
+    """Of the functions that the scene draws with, the first that is wrong explains the picture."""
+    functions = [f.name for f in ledger.assignment.functions if f.name in used]
+    named = [name for name in functions if name in ledger.diagnoses]
+    if named:
+        check.mistake = ledger.diagnoses[named[0]].mistake
+    check.because = [id for name in functions if ledger.failed(id := f"{ledger.backend}/function/{name}")]
+    if check.because:
+        names = [id.split("/")[-1] for id in check.because]
+        check.message += f"; it is drawn with {listed(names)}, which {'is' if len(names) == 1 else 'are'} wrong"

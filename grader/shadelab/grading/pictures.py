@@ -1,0 +1,105 @@
+"""Images of a grading, as files: what a submission drew, and beside it what was expected, so that any report can be made later.
+
+evidence/BACKEND/SCENE.npy          (H, W, 13) float32, the CHANNELS up to coverage
+evidence/expected/SCENE.npz, .json  as in the expected data (truth/expected.py)
+evidence/about.json                 what reports say beside the result
+"""
+
+import json
+import os
+import shutil
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shadelab.result import Result
+from shadelab.truth.expected import SceneTruth
+from shadelab.truth.measures import tolerance
+
+FOLDER = "evidence"
+
+
+@dataclass
+class Pictures:
+    """Of one image check, read when somebody looks. Linear; row 0 is the top."""
+
+    drawn: Path
+    truth_file: Path
+
+    @cached_property
+    def layers(self) -> np.ndarray | None:
+        """The student's (H, W, 13) float32, the CHANNELS up to coverage; None: there is no picture."""
+        return np.load(self.drawn, mmap_mode="r", allow_pickle=False) if self.drawn.exists() else None
+
+    @cached_property
+    def truth(self) -> SceneTruth:
+        return SceneTruth.load(self.truth_file)
+
+    @cached_property
+    def limit(self) -> np.ndarray:
+        """(H, W, 3): the tolerance of each pixel and channel of the total."""
+        return np.ones_like(self.truth.total) if self.layers is None else tolerance(self.truth)
+
+    @property
+    def student(self) -> np.ndarray | None:
+        return None if self.layers is None else self.layers[..., :3]
+
+    @property
+    def expected(self) -> np.ndarray:
+        return self.truth.total
+
+
+class PictureFolder:
+    """`folder`: where they go. `kept`: whether they are for reports, with all that these need beside them."""
+
+    def __init__(self, folder: Path, kept: bool) -> None:
+        self.folder, self.kept = folder, kept
+
+    def clear(self) -> None:
+        """An older run's pictures must not pass for this one's."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def file(self, backend: str, scene: str) -> Path:
+        return self.folder / backend / f"{scene}.npy"
+
+    def truth_file(self, scene: str) -> Path:
+        return self.folder / "expected" / f"{scene}.npz"
+
+    def save(self, backend: str, scene: str, layers: np.ndarray) -> None:
+        file = self.file(backend, scene)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, layers)
+
+    def keep_truth(self, expected: Path, scene: str) -> None:
+        """Of the expected data's folder; as a link where that is possible, for these files never change."""
+        for suffix in (".npz", ".json"):
+            source, target = expected / f"{scene}{suffix}", self.truth_file(scene).with_suffix(suffix)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.unlink(missing_ok=True)
+            try:
+                os.link(source, target)
+            except OSError:
+                shutil.copy(source, target)
+
+    def about(self) -> dict[str, Any]:
+        try:
+            return json.loads((self.folder / "about.json").read_text())
+        except (OSError, ValueError):
+            return {}
+
+    def write_about(self, **facts: Any) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / "about.json").write_text(json.dumps(facts, indent=1) + "\n")
+
+    def of(self, result: Result) -> dict[str, Pictures]:
+        """By the id of the image check."""
+        out = {}
+        for check in result.checks:
+            scene = check.id.split("/")[-1]
+            drawn, truth = self.file(check.backend, scene), self.truth_file(scene)
+            if check.kind == "image" and truth.exists() and (drawn.exists() or check.status == "failed"):
+                out[check.id] = Pictures(drawn, truth)
+        return out

@@ -1,0 +1,48 @@
+"""Beside a result: for each check that failed its worst input as a file, and the line that replays it."""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment, find_assignment, named_arrays
+from shadelab.errors import UserError
+from shadelab.paths import shown
+from shadelab.result import Result
+
+
+def write_worst_inputs(assignment: Assignment, result: Result, submission: Path, out: Path) -> None:
+    """Beside the reports: for each failed function check its worst input, and the line that replays it."""
+    try:
+        find_assignment(submission, None)
+        named = []
+    except UserError:  # a folder whose name and content do not tell
+        named = ["--assignment", assignment.name]
+    for check in result.checks:
+        if check.worst is None:
+            continue
+        name = check.id.split("/")[-1]
+        if check.kind in ("function", "parity", "stability"):
+            (out / "worst").mkdir(exist_ok=True)
+            kind = "-stability" if check.kind == "stability" else ""
+            file = out / "worst" / f"{check.backend}-{name}{kind}.npz"
+            columns = assignment.function(name).inputs
+            inputs = {name: check.worst.inputs[name] for name in dict.fromkeys(c.path for c in columns)}
+            flat = [float(v) for values in inputs.values() for v in values]
+            np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
+            command = ["eval", shown(submission), name, "--backend", check.backend, "--inputs", shown(file), *named]
+        else:
+            scene = next(s for s in assignment.scenes if s.name == name)
+            image = shown(out / f"{check.backend}-{name}.png")
+            command = [
+                "render",
+                shown(scene.file),
+                "--shading",
+                shown(submission),
+                "--backend",
+                check.backend,
+                "-o",
+                image,
+            ]
+        check.worst.replay = shlex.join(["./shadelab", *command])
+    result.write(out / "result.json")

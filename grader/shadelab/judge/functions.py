@@ -1,0 +1,143 @@
+"""A function's outputs against the truth: how many are wrong, where, and by what relation."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from shadelab.course.assignment import Function, named_arrays
+from shadelab.judge.credit import credit
+from shadelab.judge.words import finite_or_none, halfway, numbers, percent_of, result_of
+from shadelab.result import Check, Error, Worst
+from shadelab.truth.expected import Table
+from shadelab.truth.measures import FACTOR, function_limit, function_members, scaled_error
+from shadelab.words import listed
+
+# Follow-through: the least share of the inputs for which the result differs from its most frequent value.
+VARIED = 0.01
+
+
+@dataclass
+class Followed:
+    """The truth of a function when the student's own functions stand in for those that it calls."""
+
+    truth: np.ndarray  # (N, results) float64; where it is not finite, nothing is asked
+    conditioning: np.ndarray  # as truth
+    not_finite: bool  # whether these functions give values that are not finite for some inputs
+
+
+@dataclass
+class FunctionJudgement:
+    check: Check
+    table: Table  # by which it was judged: with follow-through, another truth
+    followed: bool
+    wrong: np.ndarray  # (N,) bool
+
+
+def judge_function(
+    function: Function,
+    backend: str,
+    points: float,
+    table: Table,
+    floor: float,
+    actual: np.ndarray,
+    followed: Followed | None = None,
+) -> FunctionJudgement:
+    rows, limit = table.rows, function_limit(floor, backend)
+    columns, members = function.outputs, function_members(function)
+    if followed is not None:
+        table = replace(table, truth=followed.truth, conditioning=followed.conditioning)
+    error = scaled_error(actual, table, members)
+    if followed is not None:
+        error[~np.isfinite(table.truth + table.conditioning).all(axis=1)] = 0.0
+        # A callee's last bit may decide whether it is finite; a few such rows are its fault.
+        spoilt = ~np.isfinite(actual).all(axis=1)
+        if followed.not_finite and spoilt.mean() < VARIED:
+            error[spoilt] = 0.0
+    wrong = error.max(axis=1) > limit
+    worst_row, worst_column = np.unravel_index(np.argmax(error), error.shape)
+    largest = float(error[worst_row, worst_column])
+    passed = not wrong.any()
+    check = Check(
+        id=f"{backend}/function/{function.name}",
+        kind="function",
+        backend=backend,
+        status="passed" if passed else "failed",
+        score=points * (1.0 if passed else credit(float(wrong.mean()))),
+        max_score=points,
+        error=Error(name="scaled", value=finite_or_none(largest), limit=limit, floor=limit / FACTOR),
+        needs=[f"{backend}/build"],
+    )
+    if not passed:
+        check.message = _describe_function(function, rows, table.truth, actual, error, limit, members)
+        inputs = named_arrays(function.inputs, rows[worst_row : worst_row + 1])
+        check.worst = Worst(
+            inputs={name: numbers(value[0]) for name, value in inputs.items()} | halfway(inputs),
+            expected=result_of(columns, table.truth[worst_row]),
+            actual=result_of(columns, actual[worst_row]),
+        )
+    return FunctionJudgement(check, table, followed is not None, wrong)
+
+
+def informative(followed: np.ndarray) -> bool:
+    """Whether follow-through still asks for something. Callees that always give the same may leave nothing to be right about: a
+    function that is not written yet, and always gives 0, is not right because everything it calls gives 0."""
+    finite = np.isfinite(followed).all(axis=1)
+    if finite.mean() < 0.5:
+        return False
+    counts = np.unique(followed[finite].astype(np.float32), axis=0, return_counts=True)[1]
+    return bool(1 - counts.max() / finite.sum() >= VARIED)
+
+
+def _describe_function(
+    function: Function,
+    rows: np.ndarray,
+    truth: np.ndarray,
+    actual: np.ndarray,
+    error: np.ndarray,
+    limit: float,
+    members: list[slice],
+) -> str:
+    bad = error.max(axis=1) > limit
+    columns = function.outputs
+    parts = []
+    names = [columns[m.start].path.removeprefix("result.") for m in members]
+    wrong = [name for name, m in zip(names, members) if (error[:, m] > limit).any()]
+    where = percent_of(bad.mean()) + " of the inputs"
+    if len(members) > 1 and len(wrong) < len(members):
+        right = [name for name in names if name not in wrong]
+        where += f", only in {listed(wrong)} ({listed(right)} {'is' if len(right) == 1 else 'are'} right)"
+    parts.append(f"wrong for {where}")
+    if not_finite := int((~np.isfinite(actual) & np.isfinite(truth)).any(axis=1).sum()):
+        parts.append(f"not finite for {not_finite} of {len(rows)} inputs")
+    for sentence in (_side(function, rows, bad), _relation(truth, actual, error, limit)):
+        if sentence:
+            parts.append(sentence)
+    return "; ".join(parts)
+
+
+def _side(function: Function, rows: np.ndarray, bad: np.ndarray) -> str:
+    """Whether the wrong inputs are those with a direction below the surface: the sign of a missing gate or clamp."""
+    inputs = named_arrays(function.inputs, rows)
+    for value in function.values:
+        if value.domain.kind == "upper":
+            cosine = np.sum(inputs[value.name] * inputs[value.domain.base], axis=1)
+            below = cosine >= 0 if value.domain.opposite else cosine <= 0
+            if not (bad & ~below).any():
+                cosine = f"({value.domain.base}.{value.name} {'>=' if value.domain.opposite else '<='} 0)"
+                if value.domain.opposite:
+                    return f"only where {value.name} points the way of {value.domain.base} {cosine}"
+                return f"only where {value.name} does not point above the surface {cosine}"
+    return ""
+
+
+def _relation(truth: np.ndarray, actual: np.ndarray, error: np.ndarray, limit: float) -> str:
+    """A constant factor between what came and what was expected, where there is one. Judged where the truth is not small."""
+    scale = np.percentile(np.abs(truth), 95)
+    use = np.isfinite(actual) & (np.abs(truth) > 0.05 * scale) & (error > limit)
+    if use.sum() < 20:
+        return ""
+    ratio = actual[use] / truth[use]
+    low, middle, high = np.percentile(ratio, [5, 50, 95])
+    if high - low > 0.01 * abs(middle) + 1e-6:
+        return ""
+    return "yours is always 0" if middle == 0 else f"yours is always {middle:.4g} times what is expected"

@@ -1,0 +1,76 @@
+"""The table that each function is judged by: inputs from the domains and from the scenes, their truth, and how far rounding moves it."""
+
+import numpy as np
+
+from shadelab.course.assignment import Function, Scene
+from shadelab.course.mistakes import slide_formulas
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.programs import Programs
+from shadelab.evidence.tasks import Evaluate
+from shadelab.machine.build import Recipe
+from shadelab.truth.expected import SceneTruth, Table
+from shadelab.truth.follow import FollowedSolution
+from shadelab.truth.fragments import recorded_rows
+from shadelab.truth.tables import jittered, make_table, on_gate, renormalised
+from shadelab.truth.workshop import Workshop
+
+FRAGMENTS = 1024  # rows of a function's table that are recorded from scenes, at most
+DOUBLE = Recipe(double=True, loops=())
+
+
+def make_tables(
+    workshop: Workshop, scenes: list[Scene], truths: dict[str, SceneTruth], seed: int
+) -> tuple[dict[str, Table], dict[str, list[str]]]:
+    """By function its table, and which functions it calls."""
+    assignment = workshop.assignment
+    with workshop.step("tables"):
+        text = (assignment.directory / "shading.cpp").read_text()
+        solution = FollowedSolution(assignment, text)
+        programs = Programs(assignment, workshop.work / "followed")
+        forms = [workshop.solution(DOUBLE)]
+        if slides := slide_formulas(assignment):
+            forms.append(workshop.cpp(workshop.changed(slides), DOUBLE, slides.id))
+        drawn = {f.name: make_table(assignment, f, seed) for f in assignment.functions}
+        recorded = recorded_rows(assignment, scenes, truths, seed)
+        tables, calls = {}, {}
+        # Callees are defined before their callers: from the last function on, what a scene asks of one reaches those it calls.
+        for function in reversed(assignment.functions):
+            rows = _some(recorded.get(function.name, []), len(function.inputs), seed)
+            calls[function.name] = sorted(
+                programs.answer_all(solution.calls(function, renormalised(function, drawn[function.name])))
+            )
+            if len(rows):
+                for name, arguments in programs.answer_all(
+                    solution.calls(function, renormalised(function, rows))
+                ).items():
+                    recorded.setdefault(name, []).append(arguments)
+            tables[function.name] = _judged(workshop, function, drawn[function.name], rows, forms)
+        return {f.name: tables[f.name] for f in assignment.functions}, calls
+
+
+def _judged(
+    workshop: Workshop, function: Function, drawn: np.ndarray, recorded: np.ndarray, forms: list[CppRunner]
+) -> Table:
+    """The forms are equal on exact unit vectors; how much rounding of the inputs moves them depends on the form, and nobody
+    has to know a better one than the slides'."""
+    rows = np.vstack([drawn, recorded])
+    exact = renormalised(function, rows)
+    inputs = np.concatenate([exact, *jittered(function, exact)])
+    results = []
+    for form in forms:
+        [output] = workshop.outputs(form, [Evaluate(function, inputs)])
+        results.append(output.array.reshape(-1, len(rows), output.array.shape[1]))
+    truth = results[0][0]
+    with np.errstate(invalid="ignore"):
+        conditioning = np.nan_to_num(np.abs(np.concatenate(results)[1:] - truth)).max(axis=0)
+    conditioning[on_gate(function, len(drawn), len(rows))] = 0.0
+    return Table(rows, truth, conditioning, len(drawn))
+
+
+def _some(parts: list[np.ndarray], columns: int, seed: int) -> np.ndarray:
+    """At most FRAGMENTS rows, as many of each part."""
+    if not parts:
+        return np.empty((0, columns), np.float32)
+    each = max(1, FRAGMENTS // len(parts))
+    rng = np.random.default_rng(seed)
+    return np.vstack([part[rng.permutation(len(part))[:each]] for part in parts])[:FRAGMENTS]

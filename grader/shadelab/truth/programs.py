@@ -1,0 +1,127 @@
+"""What correct programs give, by which limits are derived, and what the declared mistakes give, by which they are known."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from shadelab.course.assignment import Assignment, Scene
+from shadelab.course.mistakes import Change, Changes
+from shadelab.errors import UserError
+from shadelab.evidence.tasks import Draw, Evaluate, Output
+from shadelab.machine.build import Recipe
+from shadelab.paths import shown
+from shadelab.result import FRAMES
+from shadelab.truth.expected import Table, with_callers
+from shadelab.truth.measures import function_members, largest_error
+from shadelab.truth.workshop import PLAIN, Workshop
+from shadelab.words import BACKENDS
+
+
+@dataclass
+class Spread:
+    """What correct programs differ by, gathered while they run: function -> backend -> program -> its largest scaled error."""
+
+    errors: dict[str, dict[str, dict[str, float]]]
+    gl: str = "none"  # the driver
+
+    @classmethod
+    def of(cls, assignment: Assignment) -> "Spread":
+        return cls({f.name: {backend: {} for backend in BACKENDS} for f in assignment.functions})
+
+
+@dataclass
+class ProgramImages:
+    """What one correct program drew. In files: the images of all programs at once would take gigabytes of memory."""
+
+    name: str
+    folder: Path
+    frames: dict[str, list[float]] = field(default_factory=dict)  # by scene, the seconds of each
+
+    def add(self, scene: Scene, output: Output) -> None:
+        np.save(self.folder / f"{scene.name}.npy", output.array[..., :3])
+        self.frames[scene.name] = output.frames
+
+    def total(self, scene: Scene) -> np.ndarray:
+        return np.load(self.folder / f"{scene.name}.npy")
+
+
+@dataclass(frozen=True)
+class Program:
+    name: str
+    change: Change | None  # of the solution
+    backend: str
+    fused: bool = False  # multiplications and additions
+
+
+def correct_programs(changes: Changes) -> list[Program]:
+    out = [Program(f"{PLAIN}, C++", None, "cpp"), Program(f"{PLAIN}, fused multiply-add", None, "cpp", True)]
+    out.append(Program(f"{PLAIN}, GLSL", None, "glsl"))
+    return out + [Program(f"{v.id}, {name}", v, b) for v in changes.variant for b, name in BACKENDS.items()]
+
+
+def run_program(
+    workshop: Workshop, program: Program, tables: dict[str, Table], scenes: list[Scene], loops: tuple[str, ...], spread: Spread
+) -> ProgramImages:  # fmt: skip
+    """One correct program: adds to the spread of the functions, and draws the scenes."""
+    with workshop.step(program.name):
+        folder = workshop.changed(program.change)
+        # The solution's frames are timed; of the others nobody asks how fast they are: one quick plugin does for each.
+        quick = program.change is not None
+        recipe = Recipe(loops=loops, quick=True) if quick else Recipe(loops=(), contract=program.fused)
+        cpp = program.backend == "cpp"
+        runner = workshop.cpp(folder, recipe, program.name) if cpp else workshop.glsl(folder)
+        functions = workshop.assignment.functions
+        outputs = workshop.outputs(runner, [Evaluate(f, tables[f.name].rows) for f in functions], program.name)
+        for function, output in zip(functions, outputs):
+            error, row = largest_error(output.array, tables[function.name], function_members(function))
+            if not np.isfinite(error):
+                where = dict(zip(map(str, function.inputs), tables[function.name].rows[row]))
+                raise UserError(
+                    f"{shown(workshop.assignment.directory)}: {program.name}: {function.name} is not finite at {where}"
+                )
+            spread.errors[function.name][program.backend][program.name] = error
+        spread.gl = getattr(runner, "gl", spread.gl)
+        if cpp and not quick:
+            runner = workshop.cpp(folder, Recipe(functions=False, loops=loops, contract=program.fused), program.name)
+        frames = 0 if quick else FRAMES
+        draws = [Draw(scene, workshop.folder / f"{scene.name}.packet", frames=frames) for scene in scenes]
+        drawn = ProgramImages(program.name, workshop.sandbox().folder)
+        for scene, output in zip(scenes, workshop.run(runner, draws, program.name)):
+            drawn.add(scene, output)
+        return drawn
+
+
+def record_mistakes(
+    workshop: Workshop, changes: Changes, tables: dict[str, Table], calls: dict[str, list[str]], backend: str
+) -> dict[str, np.ndarray]:
+    """What each declared mistake gives on all inputs: its own function and, in C++, those that call it (the same numbers stand in
+    for GLSL's, up to rounding). By ID/BACKEND/FUNCTION."""
+    tasks, keys = [], []
+    for mistake in changes.mistake:
+        folder = workshop.changed(mistake)
+        names = with_callers({mistake.function}, calls) if backend == "cpp" else {mistake.function}
+        for function in (f for f in workshop.assignment.functions if f.name in names):
+            tasks.append(Evaluate(function, tables[function.name].rows, folder / "shading.glsl"))
+            keys.append((mistake.id, function.name))
+    if not tasks:
+        return {}
+    evaluate = _in_glsl if backend == "glsl" else _in_cpp
+    named = zip(keys, evaluate(workshop, [id for id, _ in keys], tasks))
+    return {f"{id}/{backend}/{name}": o.array for (id, name), o in named if o.array is not None}
+
+
+def _in_glsl(workshop: Workshop, ids: list[str], tasks: list[Evaluate]) -> Iterable[Output]:
+    runner = workshop.glsl(workshop.work / ids[0])
+    with workshop.step("mistakes, GLSL"):
+        return [output for _, output in runner.run(tasks)]
+
+
+def _in_cpp(workshop: Workshop, ids: list[str], tasks: list[Evaluate]) -> Iterable[Output]:
+    runners = {}
+    for id, task in zip(ids, tasks):
+        if id not in runners:
+            with workshop.step(id):
+                runners[id] = workshop.cpp(workshop.work / id, Recipe(loops=()), id)
+        yield runners[id].evaluate(task)
