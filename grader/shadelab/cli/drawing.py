@@ -22,7 +22,7 @@ from shadelab.cli.options import (
 from shadelab.errors import UserError
 from shadelab.machine import renderer
 from shadelab.machine.sandbox import Limits, Sandbox, work_folder
-from shadelab.paths import ROOT, SOLUTION, shown
+from shadelab.paths import ROOT, shown
 
 SHOWN = 1 << 20  # bytes of a program's output that render and eval show
 RENDER_LIMITS = Limits(seconds=600, memory=8 << 30)
@@ -34,26 +34,10 @@ def register(app: typer.Typer) -> None:
     app.command()(probe)
 
 
-def assignment_of_scene(scene: Path, shading: Path | None):
-    """The assignment that declares a scene's models: that of --shading, of the scene's folder, or the first that has them."""
-    from shadelab.course.assignment import assignment_names, find_assignment, load_assignment
+def _assignment(scene: Path, shading: Path | None):
+    from shadelab.course.assignment import assignment_of_scene
 
-    if shading is not None:
-        try:
-            return find_assignment(shading, None)
-        except UserError:
-            if not shading.is_dir():
-                raise UserError(f"{shown(shading)}: there is no such folder") from None
-            # A folder of any name: the scene tells the assignment.
-    names = assignment_names()
-    if scene.resolve().parent.name in names:
-        return load_assignment(SOLUTION / scene.resolve().parent.name)
-    models = renderer.models(scene)
-    for name in names:
-        declared = load_assignment(SOLUTION / name)
-        if models <= {f.name for f in declared.functions}:
-            return declared
-    raise UserError(f"{shown(scene)}: no assignment declares all of its models ({', '.join(sorted(map(str, models)))})")
+    return assignment_of_scene(scene, shading)
 
 
 def _own_folder(declared) -> Path:
@@ -117,7 +101,7 @@ def render(
         raise UserError(
             f"--samples {samples}: {backend} has {', '.join(map(str, allowed))}; --supersample takes any number"
         )
-    declared = assignment_of_scene(scene, shading)
+    declared = _assignment(scene, shading)
     folder, view = (
         shading or _own_folder(declared),
         renderer.View("all" if layers else "total", size, samples, supersample),
@@ -328,7 +312,7 @@ def probe(
     existing_scene(scene)
     json = Json(json_)
     place = pixel_of(pixel)
-    declared = assignment_of_scene(scene, shading)
+    declared = _assignment(scene, shading)
     with progress_bar() as progress:
         found = run_probe(declared, scene, place, shading or _own_folder(declared), progress)
     json.write(as_json(found))

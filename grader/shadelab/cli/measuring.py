@@ -6,7 +6,6 @@ from typing import Annotated, Literal, Optional
 
 import typer
 
-from shadelab.cli.drawing import assignment_of_scene
 from shadelab.cli.options import Json, Shading, json_option, make_folder, progress_bar
 from shadelab.errors import UserError
 from shadelab.paths import shown
@@ -35,8 +34,8 @@ def bench(
     resume: Annotated[bool, typer.Option("--resume", help="go on with a run that was interrupted")] = False,
 ) -> None:
     """Time our rasterizer and llvmpipe in turn, with the error of each against the double build beside the times."""
-    from shadelab.measure.bench import print_report, write_readme
     from shadelab.measure.bench import run as run_bench
+    from shadelab.measure.bench_report import print_report, write_readme
 
     if readme and (quick or only != "*"):
         raise UserError("--readme: the table holds all cases; leave --quick and --only out")
@@ -72,7 +71,7 @@ def study(
     A star marks the Pareto front: nothing else is as fast and as exact. study.json, study.csv and the figures (PNG and SVG,
     for light and for dark pages) go to the folder given by --out.
     """
-    from shadelab.course.assignment import assignment_names
+    from shadelab.course.assignment import assignment_names, assignment_of_scene
     from shadelab.study.declaration import studied
     from shadelab.study.report import as_text, print_study, write_files
     from shadelab.study.run import run_study

@@ -268,3 +268,23 @@ def find_assignment(submission: Path, name: str | None) -> Assignment:
     if name is None:
         raise UserError(f"{shown(submission)}: which assignment is it? Give --assignment {' or '.join(known)}")
     return load_assignment(SOLUTION / name)
+
+
+def assignment_of_scene(scene: Path, shading: Path | None = None) -> Assignment:
+    """The assignment that declares a scene's models: that of the folder `shading`, of the scene's folder, or the first that has them."""
+    if shading is not None:
+        try:
+            return find_assignment(shading, None)
+        except UserError:
+            if not shading.is_dir():
+                raise UserError(f"{shown(shading)}: there is no such folder") from None
+            # A folder of any name: the scene tells the assignment.
+    names = assignment_names()
+    if scene.resolve().parent.name in names:
+        return load_assignment(SOLUTION / scene.resolve().parent.name)
+    models = renderer.models(scene)
+    for name in names:
+        declared = load_assignment(SOLUTION / name)
+        if models <= {f.name for f in declared.functions}:
+            return declared
+    raise UserError(f"{shown(scene)}: no assignment declares all of its models ({', '.join(sorted(models))})")

@@ -41,6 +41,7 @@ class Recipe:
     half: bool = False  # 16-bit numbers (half.hpp): only for studies; the plugin takes and gives floats
     # Functions run over columns (all x, then all y, ...) in loops compiled as those that shade: to measure their time.
     columns: bool = False
+    level: str | None = None  # of x86-64; None: this processor's (processor.py)
     quick: bool = False  # compiled in half the time, for few images: slower code, the same bits
 
     def flags(self) -> list[str]:
@@ -58,12 +59,17 @@ class Recipe:
         if self.half:
             return _half
         if self.double:
-            return [*_double, "-O3", *_architecture()] if self.columns else _double
+            return [*_double, "-O3", *self._architecture()] if self.columns else _double
         if self.contract:
-            return [*_float, "-O3", *_architecture(), "-ffp-contract=fast"]
+            return [*_float, "-O3", *self._architecture(), "-ffp-contract=fast"]
         if self.quick or (self.loops == () and not self.columns):
             return [*_float, "-O1"]
-        return [*_float, "-O3", *_architecture()]
+        return [*_float, "-O3", *self._architecture()]
+
+    def _architecture(self) -> list[str]:
+        """Plugins are built where they run, so they may use what this processor has."""
+        level = processor_level(self.level)
+        return [] if level == "plain" else [f"-march=x86-64-{level}"]
 
 
 FUNCTIONS = Recipe(loops=())
@@ -82,12 +88,6 @@ class CompileError(Exception):
 
     stderr: str  # what the compiler says
     ending: str  # how it ended
-
-
-def _architecture() -> list[str]:
-    """Plugins are built where they run, so they may use what this processor has."""
-    level = processor_level()
-    return [] if level == "plain" else [f"-march=x86-64-{level}"]
 
 
 def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Recipe()) -> Plugin:  # noqa: B008

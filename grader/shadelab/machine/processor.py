@@ -16,8 +16,8 @@ _needed = {
 
 
 @cache
-def processor_level() -> str:
-    """The x86-64 level whose instructions renderer and plugins use: SHADELAB_LEVEL, or the best that the processor has.
+def processor_level(wanted: str | None = None) -> str:
+    """The x86-64 level whose instructions renderer and plugins use: `wanted`, SHADELAB_LEVEL, or the best that the processor has.
 
     It changes the speed and no bit. "plain" is the compiler's default, and what other processors have.
     """
@@ -30,7 +30,7 @@ def processor_level() -> str:
         if not _needed[level] <= flags:
             break
         best = level
-    asked = os.environ.get("SHADELAB_LEVEL") or best
+    asked = wanted or os.environ.get("SHADELAB_LEVEL") or best
     if asked not in LEVELS:
         raise UserError(f"SHADELAB_LEVEL={asked}: must be plain, v2, v3 or v4")
     if LEVELS.index(asked) > LEVELS.index(best):

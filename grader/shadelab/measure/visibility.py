@@ -11,7 +11,6 @@ set-up and interpolation lose.
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,14 +19,16 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-import tomli_w
 
-from shadelab.course.toml_files import read_toml
-from shadelab.errors import InfrastructureError, UserError
-from shadelab.gl.client import Client, Packet
-from shadelab.measure.bench import last_line, resident
+from shadelab.course.assignment import assignment_names, assignment_of_scene, load_assignment
+from shadelab.errors import UserError
+from shadelab.gl.client import Client
+from shadelab.gl.environment import ENVIRONMENT
+from shadelab.gl.packet import Packet
+from shadelab.machine import renderer
 from shadelab.measure.peer import DepthFrame
-from shadelab.paths import RENDER, ROOT, SCENES, SOLUTION
+from shadelab.measure.standing import Stand
+from shadelab.paths import ROOT, SCENES, SOLUTION
 
 UNIT = 2.0**-24  # of depth: a step of float32 between 0.5 and 1, where most depths lie
 OUR_DEPTH_ERROR = 4 * UNIT  # at most, given the float32 clip positions (docs/rasterizer.md derives it)
@@ -48,15 +49,10 @@ class Visible:
 # ---------------------------------------------------------------------------------------------------- two programs
 
 
-def assignment_of(scene: Path) -> Path:
-    """The solution whose models the scene uses: its folder's, or phong for scenes that stand elsewhere."""
-    folder = SOLUTION / scene.parent.name
-    return folder if folder.is_dir() else SOLUTION / "phong"
-
-
 def ours(scene: Path, samples: int, folder: Path) -> Visible:
-    command = [str(RENDER), "frames", str(scene), "--assignment", str(assignment_of(scene))]
-    with resident("frames", [*command, "--visibility", "--samples", str(samples)], dict(os.environ)) as program:
+    view = renderer.View("visibility", samples=samples)
+    directory = assignment_of_scene(scene).directory
+    with Stand(folder, len(os.sched_getaffinity(0))).frames(scene, directory, None, view) as program:
         program.draw()
         planes = np.moveaxis(program.image(folder / "visibility.npy"), 2, 0)
     return Visible(planes[:samples].astype(np.int32), planes[samples:])
@@ -65,30 +61,15 @@ def ours(scene: Path, samples: int, folder: Path) -> Visible:
 def make_packet(scene: Path, samples: int, folder: Path) -> Packet:
     """The depth pass, with a fragment shader that writes the triangle's number."""
     file = folder / "visibility.packet"
-    command = [
-        RENDER,
-        "packet",
-        scene,
-        "--assignment",
-        assignment_of(scene),
-        "--depth",
-        "--samples",
-        samples,
-        "-o",
-        file,
-    ]
-    made = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-    if made.returncode:
-        raise InfrastructureError(f"shadelab-render packet: {last_line(made.stderr)}")
+    renderer.packet(scene, assignment_of_scene(scene).directory, file, renderer.View("depth", samples=samples))
     packet = Packet(file)
+    number = "uniform float first;\nout float number;\nvoid main() { number = first + float(gl_PrimitiveID); }\n"
     for program in packet.header["programs"]:
-        program["fragment"] = (
-            "uniform float first;\nout float number;\nvoid main() { number = first + float(gl_PrimitiveID); }\n"
-        )
+        program["fragment"] = [{"text": number, "line": 1}]
     first = 1.0
-    for draw in packet.header["draws"]:
-        draw["uniforms"]["first"] = [first]
-        first += draw["indices"]["count"] // 3
+    for each in packet.header["objects"]:
+        each["uniforms"]["first"] = [first]
+        first += each["indices"]["count"] // 3
     if first > 2**24:
         raise UserError(f"{scene}: float32 cannot count so many triangles")
     return packet
@@ -99,7 +80,7 @@ class NumberFrame(DepthFrame):
 
     def __init__(self, client: Client, packet: Packet) -> None:
         super().__init__(client, packet)
-        self.samples = packet.header["samples"]
+        self.samples = packet.header["passes"][0]["samples"]
         multi = 0 if self.samples == 1 else self.samples
         self.numbers = self.context.texture(self.size, 1, samples=multi, dtype="f4")
         self.depth = self.target.depth_attachment
@@ -164,49 +145,10 @@ def llvmpipes(client: Client, packet: Packet) -> Visible:
 # ------------------------------------------------------------------------------------------------- the truth beside
 
 
-def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    side = np.cross(forward, up)
-    side /= np.linalg.norm(side)
-    out = np.eye(4)
-    out[:3, :3] = [side, np.cross(side, forward), -forward]
-    out[:3, 3] = -out[:3, :3] @ eye
-    return out
-
-
-def perspective(fov_y: float, aspect: float, near: float, far: float) -> np.ndarray:
-    height = np.tan(np.radians(fov_y) / 2)
-    out = np.zeros((4, 4))
-    out[0, 0], out[1, 1], out[3, 2] = 1 / (height * aspect), 1 / height, -1
-    out[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)
-    return out
-
-
-def to_world(entry: dict) -> np.ndarray:
-    """translate * rotate * scale"""
-    out = np.eye(4)
-    if "rotate" in entry:
-        x, y, z = np.array(entry["rotate"]["axis"], float) / np.linalg.norm(entry["rotate"]["axis"])
-        angle, cross = np.radians(entry["rotate"]["degrees"]), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        out[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    out[:3, :3] *= np.broadcast_to(entry.get("scale", 1.0), 3)
-    out[:3, 3] = entry.get("translate", [0, 0, 0])
-    return out
-
-
-def matrices(scene: Path, packet: Packet) -> list[np.ndarray]:
+def matrices(packet: Packet) -> list[np.ndarray]:
     """Each object's matrix to clip space in double, as the packet's float32 one was before it was rounded."""
-    text = read_toml(scene)
-    camera = text["camera"]
-    eye, target, up = (np.array(camera.get(name, [0, 1, 0]), float) for name in ("eye", "target", "up"))
-    aspect = packet.header["width"] / packet.header["height"]
-    view = perspective(camera["fov_y"], aspect, camera["near"], camera["far"]) @ look_at(eye, target, up)
-    out = [view @ to_world(entry) for entry in text["object"]]
-    for matrix, draw in zip(out, packet.header["draws"]):
-        rounded = np.array(draw["uniforms"]["shadelab_to_clip"]).reshape(4, 4).T
-        if not np.allclose(rounded, matrix, rtol=2**-23, atol=2**-48 * np.abs(matrix).max()):
-            raise InfrastructureError(f"{scene}: the packet holds another matrix than the scene file says")
-    return out
+    view = np.array(packet.header["camera"]["world_to_clip"]).reshape(4, 4).T
+    return [view @ np.array(each["to_world"]).reshape(4, 4).T for each in packet.header["objects"]]
 
 
 @dataclass
@@ -229,16 +171,16 @@ class Corners:
         return (clip[..., :3] / clip[..., 3:] * 0.5 + 0.5) * [self.width, self.height, 1]
 
 
-def corners_of(scene: Path, packet: Packet) -> Corners:
+def corners_of(packet: Packet) -> Corners:
     rounded, exact = [np.ones((1, 3, 4), np.float32)], [np.ones((1, 3, 4))]
-    for draw, matrix in zip(packet.header["draws"], matrices(scene, packet)):
-        positions = np.frombuffer(packet.bytes(draw["positions"], 12), np.float32).reshape(-1, 3)
-        indices = np.frombuffer(packet.bytes(draw["indices"], 4), np.uint32).reshape(-1, 3)
-        column = np.array(draw["uniforms"]["shadelab_to_clip"], np.float32).reshape(4, 4)
+    for each, matrix in zip(packet.header["objects"], matrices(packet)):
+        positions = np.frombuffer(packet.attribute(each["attributes"]["shadelab_position"]), np.float32).reshape(-1, 3)
+        indices = np.frombuffer(packet.indices(each["indices"]), np.uint32).reshape(-1, 3)
+        column = np.array(each["uniforms"]["shadelab_to_clip"], np.float32).reshape(4, 4)
         x, y, z = (positions[:, k, None] for k in range(3))
         rounded.append((((column[0] * x + column[1] * y) + column[2] * z) + column[3])[indices])
         exact.append((positions.astype(float) @ matrix[:, :3].T + matrix[:, 3])[indices])
-    return Corners(np.concatenate(rounded), np.concatenate(exact), packet.header["width"], packet.header["height"])
+    return Corners(np.concatenate(rounded), np.concatenate(exact), *packet.size)
 
 
 class Planes:
@@ -331,8 +273,9 @@ class Comparison:
 
 def compare(scene: Path, samples: int, client: Client, folder: Path) -> Comparison:
     packet = make_packet(scene, samples, folder)
-    name = f"{scene.parent.name}/{scene.stem}" if scene.is_relative_to(SCENES) else scene.stem
-    return compare_seen(name, ours(scene, samples, folder), llvmpipes(client, packet), corners_of(scene, packet))
+    public = scene.parent.parent == SCENES
+    name = f"{scene.parent.name}/{scene.stem}" if public else scene.stem
+    return compare_seen(name, ours(scene, samples, folder), llvmpipes(client, packet), corners_of(packet))
 
 
 def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> Comparison:
@@ -389,64 +332,29 @@ def compare_seen(name: str, mine: Visible, peer: Visible, corners: Corners) -> C
 # ---------------------------------------------------------------------------------------------------------- scenes
 
 
-def scene_of(
-    mesh: str,
-    eye: list[float],
-    target: list[float],
-    near: float,
-    far: float,
-    width: int = 512,
-    height: int = 512,
-    **entry,
-) -> dict:
-    """A scene as its file would say it; the mesh lies in scenes/meshes."""
-    return {
-        "film": {"width": width, "height": height},
-        "camera": {"eye": eye, "target": target, "fov_y": 45, "near": near, "far": far},
-        "light": [{"kind": "point", "position": [1, 2, 3], "intensity": [1, 1, 1]}],
-        "material": {"grey": {"model": "phong", "ka": [0] * 3, "kd": [0.5] * 3, "ks": [0] * 3, "q": 1.0}},
-        "object": [{"mesh": str(SCENES / "meshes" / f"{mesh}.obj"), "material": "grey", **entry}],
-    }
-
-
 # Made for this: all but the last are clipped, by the near plane or because they reach beyond the fixed-point grid.
-MADE = {
-    "inside-cube": scene_of("cube", [0.7, 0.4, 0.9], [-1, -0.3, -1], 0.1, 100, scale=3),
-    "inside-knot": scene_of("knot", [0.4, 0.5, 0.55], [0, 0, 0], 0.1, 100, scale=1.3),
-    "ground": scene_of("plane", [0.3, 0.4, 0.5], [0.5, 0.1, -3], 0.1, 100, scale=50),
-    "guard-band": scene_of("plane", [0.2, 1, 0.1], [0.3, 0, 0.15], 0.01, 5000, scale=1000),
-    "giant-sphere": scene_of("sphere", [0, 0.2, 100.5], [3, 0, 99.7], 0.05, 400, scale=100),
-    "odd-film": scene_of("teapot", [0.4, 1.1, 2.2], [0, 0.5, 0], 0.1, 100, width=333, height=517, scale=1.2),
-}
+MADE = ["inside-cube", "inside-knot", "ground", "guard-band", "giant-sphere", "odd-film"]
 
 
-def write_scene(scene: dict, file: Path) -> Path:
-    file.write_text(tomli_w.dumps(scene))
-    return file
-
-
-def make_scene(name: str, folder: Path) -> Path:
-    return write_scene(MADE[name], folder / f"{name}.toml")
-
-
-def mesh_exists(scene: Path) -> bool:
-    return all((scene.parent / entry["mesh"]).exists() for entry in read_toml(scene)["object"])
+def made_scene(name: str) -> Path:
+    return SCENES / "bench" / "visibility" / f"{name}.toml"
 
 
 def public_scenes() -> list[Path]:
-    """Those of the assignments; scenes/stress goes beyond what is promised here, and is tested by itself."""
-    scenes = [scene for scene in sorted(SCENES.glob("*/*.toml")) if scene.parent.name != "stress"]
-    return [scene for scene in scenes if mesh_exists(scene)]
+    """Those of the assignments that this machine has the meshes of, in the order of their paths."""
+    scenes = [s for name in assignment_names() for s in load_assignment(SOLUTION / name).public_scenes]
+    listed = {s.file: s for s in scenes if not s.missing_meshes()}
+    return [file for file in sorted(SCENES.glob("*/*.toml")) if file in listed]
 
 
 # ----------------------------------------------------------------------------------------------------------- report
 
 
 def compare_all(scenes: list[Path], progress: Callable[[str], None]) -> list[Comparison]:
-    client, out = Client("", ""), []
+    client, out = Client(), []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for scene in scenes or [*public_scenes(), *(make_scene(made, folder) for made in MADE)]:
+        for scene in scenes or [*public_scenes(), *map(made_scene, MADE)]:
             for samples in SAMPLES:
                 out.append(compare(scene.resolve(), samples, client, folder))
                 progress(f"{out[-1].scene}, {samples}: {out[-1].differing} and {out[-1].differing_clipped} differ")
@@ -505,6 +413,9 @@ def main() -> None:
     parser.add_argument("scene", nargs="*", type=Path)
     parser.add_argument("--write", action="store_true", help="into docs/rasterizer.md")
     options = parser.parse_args()
+    if not os.environ.keys() >= ENVIRONMENT.keys():  # OpenGL reads it when it is loaded: begin again
+        command = [sys.executable, "-I", "-m", "shadelab.measure.visibility", *sys.argv[1:]]
+        os.execve(sys.executable, command, {**ENVIRONMENT, **os.environ})
     block = markdown(compare_all(options.scene, lambda line: print(line, file=sys.stderr)))
     print(block)
     if options.write:

@@ -11,13 +11,12 @@ from typing import Any
 
 from shadelab.course.assignment import Assignment, Scene
 from shadelab.errors import UserError
-from shadelab.measure.bench import geometric_mean
+from shadelab.measure.images import image_error
+from shadelab.measure.timing import geometric_mean, interleaved
 from shadelab.paths import shown
 from shadelab.study.declaration import Study
-from shadelab.study.images import image_error
-from shadelab.study.points import Part, Point, interleaved
+from shadelab.study.points import Part, Point
 from shadelab.study.timing import Program, Workbench
-from shadelab.truth.expected import missing_meshes
 
 SERIES = ["cpp-float", "cpp-float-full", "cpp-double", "glsl", "glsl-full"]
 LANGUAGES = {"C++": ("cpp-float", "cpp-float-full"), "GLSL": ("glsl", "glsl-full")}  # what is needed, and everything
@@ -30,13 +29,13 @@ def measure_backends(study: Study, work: Workbench, scenes: list[tuple[Assignmen
     )  # fmt: skip
     there = []
     for assignment, scene in scenes:
-        if absent := missing_meshes(scene):
+        if absent := scene.missing_meshes():
             part.skipped.append(f"{scene.name}: {shown(absent[0])} is absent")
         else:
             there.append((assignment, scene, work.needs(scene.file, assignment)))
     loops: dict[str, set[str]] = {}  # one plugin for all the scenes of an assignment
     for assignment, _, needs in there:
-        loops.setdefault(assignment.name, set()).update(needs["loops"])
+        loops.setdefault(assignment.name, set()).update(needs.loops)
     for done, (assignment, scene, needs) in enumerate(there):
         label = f"{assignment.name}/{scene.name}"
         work.progress(f"{label}: loading", done, len(there))
@@ -48,7 +47,7 @@ def measure_backends(study: Study, work: Workbench, scenes: list[tuple[Assignmen
             part.leaving_out.append({
                 "scene": label, "language": language, "needed": seconds[lean], "full": seconds[full],
                 "ratio": seconds[full]["median"] / seconds[lean]["median"],
-                "difference": image_error(images[full], images[lean]), "left_out": needs["names"],
+                "difference": image_error(images[full], images[lean]), "left_out": needs.names,
             })  # fmt: skip
     if not part.points:
         raise UserError(f"{of}: no scene can be drawn here: {part.skipped[0]}")

@@ -30,6 +30,7 @@ class Sampling(Declared):
 class Interpolation(Declared):
     """Flat, Gouraud and Phong interpolation over ever finer spheres: error against the analytic sphere."""
 
+    scene: str  # whose sphere is cut; relative to the checkout
     subdivisions: list[int] = Field(list(range(8)), min_length=3)  # each cuts a triangle of the icosahedron into four
     fit_from: int = 4  # the first subdivision that the slopes are fitted to: coarser ones are not yet in the regime
     size: int = Field(256, ge=16, le=2048)

@@ -22,11 +22,13 @@ from pydantic import Field, model_validator
 from shadelab.course.assignment import Assignment, Function, flat_rows, load_assignment
 from shadelab.course.toml_files import Declared
 from shadelab.errors import InfrastructureError, UserError
+from shadelab.machine import renderer
 from shadelab.machine.build import Recipe
 from shadelab.machine.sandbox import Limits
-from shadelab.paths import RENDER, ROOT, SOLUTION
+from shadelab.measure.timing import interleaved
+from shadelab.paths import ROOT, SOLUTION
 from shadelab.study.declaration import STUDIES, Study
-from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, interleaved
+from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
 from shadelab.study.timing import Workbench
 from shadelab.truth import exact
 
@@ -312,8 +314,7 @@ class _Code:
 
         def run() -> float:
             statistics = self.sandbox.fresh("statistics.json")
-            more = ["--repeat", str(PASSES), "--statistics", str(statistics)]
-            self._run(name, file, self.sandbox.fresh("results.bin"), precision, more)
+            self._run(name, file, self.sandbox.fresh("results.bin"), precision, statistics)
             return float(np.median(json.loads(statistics.read_text())["seconds"])) * EVALUATIONS / TIMED_ROWS
 
         return run
@@ -323,11 +324,11 @@ class _Code:
         np.ascontiguousarray(rows.T).tofile(file)
         return file
 
-    def _run(self, name: str, rows: Path, output: Path, precision: str, more: list[str] = []) -> None:  # noqa: B006
+    def _run(self, name: str, rows: Path, output: Path, precision: str, statistics: Path | None = None) -> None:
         if precision not in self.plugins:
             folder = self.work.student or self.assignment.directory
             self.plugins[precision] = self.work.plugin(self.assignment, PRECISIONS[precision].recipe, folder)
-        command = [str(RENDER), "evaluate", str(self.plugins[precision]), name, str(rows), str(output), *more]
+        command = renderer.evaluate(self.plugins[precision], name, rows, output, repeat=PASSES, statistics=statistics)
         outcome = self.sandbox.run(command, LIMITS)
         if not outcome.ok or not output.is_file():
             kind = UserError if self.work.student else InfrastructureError

@@ -15,12 +15,15 @@ from types import ModuleType
 import numpy as np
 import tomli_w
 
-from shadelab.course.assignment import load_assignment
-from shadelab.measure.bench import milliseconds
-from shadelab.paths import SCENES, SOLUTION
-from shadelab.study.declaration import Interpolation, Study
-from shadelab.study.images import Functions, analytic_sphere, image_error
-from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, interleaved
+from shadelab.course.assignment import assignment_of_scene
+from shadelab.course.toml_files import read_toml
+from shadelab.machine import renderer
+from shadelab.measure.images import image_error
+from shadelab.measure.timing import interleaved, milliseconds
+from shadelab.paths import SCENES
+from shadelab.study.declaration import Interpolation, Study, declared_scene
+from shadelab.study.images import Functions, analytic_sphere
+from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
 from shadelab.study.timing import Program, Workbench
 
 KINDS = {
@@ -49,20 +52,19 @@ def sphere(subdivisions: int, file: Path, maker: ModuleType) -> float:
     return float(np.linalg.norm(edges, axis=2).mean())
 
 
-def sphere_scene(mesh: Path, kind: str, size: int) -> dict:
-    """The light stands beside the eye, so that no pixel that counts is near the shadow's edge: a kink there has an order of its own.
-    An ambient term tells the sphere's pixels from the background."""
-    return {
-        "film": {"width": size, "height": size, "background": [0, 0, 0]},
-        "camera": {"eye": [0, 0, 4], "target": [0, 0, 0], "up": [0, 1, 0], "fov_y": 32, "near": 0.1, "far": 100},
-        "light": [{"kind": "point", "position": [1, 1.5, 6], "intensity": [30, 30, 30]}],
-        "material": {"body": {"model": "phong", "ka": [0.05] * 3, "kd": [0.5, 0.3, 0.2], "ks": [0.4] * 3, "q": 16}},
-        "object": [{"mesh": str(mesh), "material": "body", **KINDS[kind]}],
-    }
+def write_scene(scene: Path, mesh: Path, kind: str, size: int, file: Path) -> Path:
+    """The study's scene with another mesh in the place of its sphere, interpolated in this way."""
+    content = read_toml(scene)
+    content["film"] |= {"width": size, "height": size}
+    for entry in content["object"]:
+        entry |= {"mesh": str(mesh), **KINDS[kind]}
+    file.write_text(tomli_w.dumps(content))
+    return file
 
 
 def measure_interpolation(study: Study, spec: Interpolation, work: Workbench, name: str) -> Part:
-    phong = load_assignment(SOLUTION / "phong")
+    scene = declared_scene(spec.scene, name)
+    assignment = assignment_of_scene(scene)
     maker = mesh_maker()
     edges, scenes = {}, {}
     for done, level in enumerate(spec.subdivisions):
@@ -70,16 +72,16 @@ def measure_interpolation(study: Study, spec: Interpolation, work: Workbench, na
         mesh = work.folder / f"sphere-{level}.obj"
         edges[level] = sphere(level, mesh, maker)
         for kind in KINDS:
-            scenes[kind, level] = work.folder / f"{kind}-{level}.toml"
-            scenes[kind, level].write_text(tomli_w.dumps(sphere_scene(mesh, kind, spec.size)))
+            file = work.folder / f"{kind}-{level}.toml"
+            scenes[kind, level] = write_scene(scene, mesh, kind, spec.size, file)
     work.progress("the analytic sphere", 0, 1)
-    lights = Functions(work, load_assignment(SOLUTION / "lights"))
-    truth, facing = analytic_sphere(sphere_scene(mesh, "flat", spec.size), spec.facing, Functions(work, phong), lights)
+    described = renderer.describe(file, assignment.directory)
+    truth, facing = analytic_sphere(described, spec.facing, Functions(work, assignment))
     with ExitStack() as stack:
         programs: dict[tuple[str, int], Program] = {}
         for key, scene in scenes.items():
             work.progress("loading", len(programs), len(scenes))
-            programs[key] = stack.enter_context(work.cpp(scene, phong, work.needs(scene, phong)["loops"]))
+            programs[key] = stack.enter_context(work.cpp(scene, assignment, work.needs(scene, assignment).loops))
         draws: dict[tuple[str, int], Callable[[], float]] = {
             key: lambda program=program: program.draw(image=False).seconds for key, program in programs.items()
         }
@@ -91,7 +93,7 @@ def measure_interpolation(study: Study, spec: Interpolation, work: Workbench, na
         knob = {"subdivisions": level, "edge": edges[level], "triangles": 20 * 4**level}
         points.append(Point(kind, knob, image_error(image[both], truth[both]), seconds[kind, level]))
     part = Part(
-        name, study.title, "a sphere of radius 1, Phong's model, one point light",
+        name, study.title, f"a sphere of radius 1, {spec.scene}",
         {"what": f"the analytic sphere at each pixel's centre, shaded in double; pixels that both cover, with n.v >= {spec.facing:g}",
          "samples": 1, "pixels": f"{spec.size}x{spec.size}"},
         points, knob="edge", knob_label="mean length of an edge, of a sphere of radius 1",

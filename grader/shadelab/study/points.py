@@ -1,18 +1,11 @@
 """What a study measures: points of error and run time, their Pareto front, and slopes fitted to them."""
 
 import math
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-
-from shadelab.measure.bench import spread
-
-Progress = Callable[[str, float, float], None]
-# Threads of OpenMP spin for a while after a frame; what is measured next must not meet them.
-PAUSE = 0.005  # seconds before each measurement
 
 
 @dataclass
@@ -110,34 +103,6 @@ def fit_slope(x: Iterable[float], y: Iterable[float]) -> tuple[float, float]:
     slope = float(from_middle @ logs[1]) / spread_of_x
     residuals = logs[1] - logs[1].mean() - slope * from_middle
     return slope, math.sqrt(float(residuals @ residuals) / (count - 2) / spread_of_x)
-
-
-def interleaved(
-    callables: dict[Any, Callable[[], float | None]],
-    repeats: int,
-    progress: Progress | None = None,
-    what: str = "timing",
-    pause: float = PAUSE,
-) -> dict[Any, dict[str, float]]:
-    """Runs all callables in turn, `repeats` times after a round that warms up, so that a slow moment hits all alike.
-
-    Each returns the seconds that it took, for what measures itself, or None: then the time from its call to its return counts.
-    Who begins changes from round to round. Returns {median, min, max, runs} for each key.
-    """
-    keys = list(callables)
-    times: dict[Any, list[float]] = {key: [] for key in keys}
-    for turn in range(repeats + 1):
-        first = turn % max(len(keys), 1)
-        for done, key in enumerate(keys[first:] + keys[:first]):
-            if progress:
-                progress(what, turn * len(keys) + done, (repeats + 1) * len(keys))
-            time.sleep(pause)
-            start = time.perf_counter()
-            measured = callables[key]()
-            seconds = time.perf_counter() - start if measured is None else measured
-            if turn > 0:
-                times[key].append(seconds)
-    return {key: spread(times[key]) for key in keys}
 
 
 def timing_noise(points: Iterable[Point]) -> dict[str, float]:

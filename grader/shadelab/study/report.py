@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from shadelab.measure.bench import milliseconds
+from shadelab.measure.timing import milliseconds
 from shadelab.study.plot import draw_part
 from shadelab.study.points import Part
 from shadelab.study.run import as_csv

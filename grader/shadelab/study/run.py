@@ -11,7 +11,8 @@ from typing import Any
 from shadelab.course.assignment import Assignment, Scene, assignment_names, load_assignment
 from shadelab.machine.processor import processor_level
 from shadelab.machine.sandbox import work_folder
-from shadelab.measure.bench import Progress, describe_machine
+from shadelab.measure.machine import describe_machine
+from shadelab.measure.timing import Progress
 from shadelab.paths import SOLUTION, shown
 from shadelab.study.backends import measure_backends
 from shadelab.study.declaration import Sampling, Study, declared_scene, studied, sub_model
@@ -36,7 +37,7 @@ def run_study(
             part.mark_front()
         machine = {
             **describe_machine(),
-            "threads": work.bench.threads,
+            "threads": work.stand.threads,
             "level": processor_level(),
             "gl": sorted(work.drivers),
         }
@@ -50,7 +51,7 @@ def measured(name: str, study: Study, scene: Path | None, assignment_of: Assignm
         # Of single frames, which are short, there are more.
         update = {"repeats": 2 * study.repeats + 1, "title": f"Backends and leaving out: {scene.stem}"}
         backends = study.model_copy(update=update)
-        one = [(assignment, Scene(scene.stem, scene.resolve(), 0))]
+        one = [(assignment, Scene(scene.stem, scene.resolve(), assignment.directory))]
         return [
             measure_sampling(study, spec, work, scene.resolve(), assignment),
             measure_backends(backends, work, one, "backends", scene_name(scene.resolve())),
@@ -67,7 +68,7 @@ def measured(name: str, study: Study, scene: Path | None, assignment_of: Assignm
         declared = [load_assignment(SOLUTION / each) for each in spec.assignments]
         scenes = [(assignment, each) for assignment in declared for each in assignment.public_scenes]
         files = [declared_scene(each, name) for each in spec.scenes]
-        scenes += [(assignment_of(file), Scene(file.stem, file, 0)) for file in files]
+        scenes += [(own := assignment_of(file), Scene(file.stem, file, own.directory)) for file in files]
         return [measure_backends(study, work, scenes, name, ", ".join([*spec.assignments, *spec.scenes]))]
     from shadelab.study.forms import Forms, measure_forms
 

@@ -18,10 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from shadelab.course.assignment import Assignment
+from shadelab.machine.renderer import View
+from shadelab.measure.images import image_error
+from shadelab.measure.timing import interleaved
 from shadelab.paths import ROOT, shown
 from shadelab.study.declaration import Sampling, Study
-from shadelab.study.images import ONE_FRAME, converged, image_error, small_size
-from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, interleaved
+from shadelab.study.images import ONE_FRAME, converged, small_size
+from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
 from shadelab.study.timing import UNMOVED, Program, Shift, Workbench
 
 EXPECTED = {"random": ("-1/2", -0.5), "stratified": ("-3/4 at edges to -1 where smooth", -0.75)}
@@ -47,13 +50,12 @@ SHIFTS = {"random": random_shifts, "stratified": stratified_shifts, "regular": u
 
 
 def measure_sampling(study: Study, spec: Sampling, work: Workbench, scene: Path, assignment: Assignment) -> Part:
-    loops = work.needs(scene, assignment)["loops"]  # first: it says what is wrong with a scene
-    size = ["--size", small_size(scene, spec.size)]
+    described = work.describe(scene, assignment)  # first: it says what is wrong with a scene
+    loops, size = described.needs.loops, small_size(described, spec.size)
     rng = np.random.default_rng(study.seed)
     work.progress(f"{scene.stem}: the converged picture", 0, 1)
-    with work.cpp(
-        scene, assignment, loops, True, options=[*size, "--supersample", str(ONE_FRAME)], ours=True
-    ) as program:
+    view = View(size=size, supersample=ONE_FRAME)
+    with work.cpp(scene, assignment, loops, True, view=view, ours=True) as program:
         truth, reference_error = converged(program, spec.reference)
     errors: dict[tuple[str, int], list[dict[str, float]]] = {}
 
@@ -64,7 +66,7 @@ def measure_sampling(study: Study, spec: Sampling, work: Workbench, scene: Path,
 
     with ExitStack() as stack:
         draws: dict[tuple[str, int], Callable[[], float]] = {}
-        one = stack.enter_context(work.cpp(scene, assignment, loops, options=size))
+        one = stack.enter_context(work.cpp(scene, assignment, loops, view=View(size=size)))
         for series in spec.series:
             for count in spec.samples:
                 k = math.isqrt(count)
@@ -72,8 +74,8 @@ def measure_sampling(study: Study, spec: Sampling, work: Workbench, scene: Path,
                     continue
                 program, shifts = one, partial(SHIFTS[series], count, rng)
                 if series == "regular":
-                    larger = [*size, "--supersample", str(k)]
-                    program = stack.enter_context(work.cpp(scene, assignment, loops, options=larger))
+                    larger = View(size=size, supersample=k)
+                    program = stack.enter_context(work.cpp(scene, assignment, loops, view=larger))
                 draws[series, count] = partial(measure, (series, count), program, shifts)
         seconds = interleaved(draws, study.repeats, work.progress, f"{scene.stem}: sampling")
 
@@ -84,7 +86,7 @@ def measure_sampling(study: Study, spec: Sampling, work: Workbench, scene: Path,
     part = Part(
         "sampling", f"Samples a pixel: {scene.stem}", scene_name(scene),
         {"what": f"C++ double, a regular grid of {spec.reference} x {spec.reference} samples a pixel", "samples": spec.reference**2,
-         "pixels": size[1]},
+         "pixels": size},
         points, noise={"reference_error": reference_error}, knob="samples", knob_label="samples a pixel",
     )  # fmt: skip
     part.slopes = list(filter(None, (slope_of(points, series) for series in spec.series)))
