@@ -56,6 +56,11 @@ private:
     std::filesystem::path path_;
 };
 
+// What interface.toml declares, for scenes and plugins by hand.
+inline constexpr int point = 0, directional = 1, spot = 2;
+inline const std::vector<std::string> light_kinds = {"point", "directional", "spot"};
+inline constexpr const char* columns_of_nxv[] = {"n.x", "n.y", "n.z", "x.x", "x.y", "x.z", "v.x", "v.y", "v.z"};
+
 struct Point {
     int64_t x, y;
 };

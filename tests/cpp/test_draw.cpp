@@ -65,15 +65,15 @@ struct TestPlugin {
         });
     }
 
-    std::vector<plugin::Model<Real>> models = {{"normal", {normal, normal, normal}},
-                                               {"position", {position, position, position}},
-                                               {"view", {view, view, view}},
-                                               {"constant", {constant, constant, constant}},
-                                               {"affine", {affine, affine, affine}},
-                                               {"bumpy", {bumpy, bumpy, bumpy}},
-                                               {"half_nan", {half_nan, half_nan, half_nan}}};
+    template <plugin::Shade<Real> shade>
+    static constexpr plugin::Shade<Real> loops[] = {shade, shade, shade};
+    std::vector<plugin::Model<Real>> models = {
+        {"normal", 9, columns_of_nxv, loops<normal>},    {"position", 9, columns_of_nxv, loops<position>},
+        {"view", 9, columns_of_nxv, loops<view>},        {"constant", 9, columns_of_nxv, loops<constant>},
+        {"affine", 9, columns_of_nxv, loops<affine>},    {"bumpy", 9, columns_of_nxv, loops<bumpy>},
+        {"half_nan", 9, columns_of_nxv, loops<half_nan>}};
     plugin::Table<Real> table() const {
-        return {plugin::abi_version, sizeof(Real), Layers, int(models.size()), 0, models.data(), nullptr};
+        return {plugin::abi_version, sizeof(Real), Layers, 3, int(models.size()), 0, models.data(), nullptr};
     }
 };
 
@@ -84,8 +84,10 @@ Scene scene_with(const std::string& model, int width, int height, int objects = 
     scene.film.width = width;
     scene.film.height = height;
     scene.camera = {{0.3, 0.4, 3}, {0, 0, 0}, {0, 1, 0}, glm::radians(50.0), 0.1, 100};
+    scene.light_kinds = light_kinds;
     Light light{};
-    light.kind = LightKind::directional;
+    light.kind = directional;
+    light.placed = false;
     light.intensity = glm::dvec3(1);
     scene.lights = {light};
     scene.materials = {{"plain", model, {1, 1, 1}}};
@@ -430,7 +432,7 @@ TEST_CASE("a light at the very point that is shaded is counted") {
     const Mesh mesh = mesh_of({{0, 1, 0.25}, {-2, -1, 0}, {2, -1, 0}}, {0, 1, 2});
     const Drawn before = draw_scene<float>(scene, {mesh});
     const float* x = before.pixel("position", 30, 33);
-    scene.lights = {Light{LightKind::point}, Light{LightKind::point}, Light{LightKind::directional}};
+    scene.lights = {Light{point}, Light{point}, Light{directional, false}};
     scene.lights[0].position = scene.lights[2].position = {x[0], x[1], x[2]};
     scene.lights[1].position = {x[0], x[1], x[2] + 1e-3};
     for (Light& light : scene.lights) light.intensity = glm::dvec3(1);
@@ -488,8 +490,8 @@ TEST_CASE("lights add up one by one, in double as in float") {
     Scene scene = scene_with("constant", 20, 20);
     scene.materials[0].parameters = {0.5, 1, 2};
     scene.lights.assign(3, scene.lights[0]);
-    scene.lights[0].kind = LightKind::point;
-    scene.lights[1].kind = LightKind::spot;
+    scene.lights[0].kind = point;
+    scene.lights[1].kind = spot;
     scene.lights[0].intensity = {1, 2, 3};
     scene.lights[1].intensity = {10, 20, 30};
     scene.lights[2].intensity = {100, 200, 300};
@@ -520,7 +522,8 @@ TEST_CASE("a light of intensity zero is left out, and the image stays the same t
     dark.intensity = glm::dvec3(0);
     scene.lights.insert(scene.lights.begin(), dark);
     scene.lights.push_back(dark);
-    scene.lights[2].kind = LightKind::spot;
+    for (int i = 0; i < 3; ++i) scene.lights[size_t(i)].entry = i;
+    scene.lights[2].kind = spot;
     scene.materials.push_back({"unused", "constant", {1, 1, 1}});
     scene.film.samples = 4;
 

@@ -31,7 +31,8 @@ Scene scene_with(int width, int height, int objects = 1) {
     scene.film.height = height;
     scene.camera = {{0, 0, 3}, {0, 0, 0}, {0, 1, 0}, glm::radians(50.0), 0.1, 100};
     Light light{};
-    light.kind = LightKind::directional;
+    light.kind = directional;
+    light.placed = false;
     light.intensity = glm::dvec3(1);
     scene.lights = {light};
     scene.materials = {{"plain", "white", {}}};
@@ -65,8 +66,9 @@ Drawn draw_scene(const Scene& scene, const std::vector<Mesh>& meshes) {
     features.per_fragment = features.gouraud = true;
     features.lights = {0};
     features.materials = {0};
-    const plugin::Model<Real> model{"white", {white<Real>, white<Real>, white<Real>}};
-    const plugin::Table<Real> table{plugin::abi_version, sizeof(Real), true, 1, 0, &model, nullptr};
+    const plugin::Shade<Real> loops[] = {white<Real>, white<Real>, white<Real>};
+    const plugin::Model<Real> model{"white", 0, nullptr, loops};
+    const plugin::Table<Real> table{plugin::abi_version, sizeof(Real), true, 3, 1, 0, &model, nullptr};
     Drawn out{Film(scene.film.width, scene.film.height, features, scene.film.background), {}};
     out.statistics = draw<Real>(scene, features, meshes, table, out.film);
     return out;

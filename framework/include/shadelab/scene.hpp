@@ -46,7 +46,7 @@ struct Light {
 struct Material {
     std::string name, model;
     std::vector<double> parameters;    ///< the members of the model's struct, flattened in the manifest's order
-    std::vector<std::string> columns;  ///< their names: "m.kd.x"; m is what the model calls its material
+    std::vector<std::string> columns = {};  ///< their names: "m.kd.x"; m is what the model calls its material
 };
 
 struct Object {
