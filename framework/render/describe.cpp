@@ -21,7 +21,8 @@ void add_describe(CLI::App& app, const Framework& framework) {
         std::cout << describe(loaded.scene, loaded.manifest, loaded.features);
     });
 
-    CLI::App* models = app.add_subcommand("models", "print as JSON which models a scene names, for whoever looks for an assignment");
+    CLI::App* models =
+        app.add_subcommand("models", "print as JSON which models a scene names, for whoever looks for an assignment");
     const auto scene = std::make_shared<std::string>();
     models->add_option("scene", *scene, "scene file (TOML)")->required();
     models->callback([scene] { std::cout << json::text(toml::table{{"models", json::array(scene_models(*scene))}}); });

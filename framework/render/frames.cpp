@@ -61,10 +61,10 @@ void serve(const FramesOptions& options, LoadedScene& loaded, const plugin::Tabl
         return size_t(resident_pages) * 4096;
     };
     answer(toml::table{{"ready", true},
-            {"load_ms", load_ms},
-            {"geometry_bytes", int64_t(geometry)},
-            {"framebuffer_bytes", int64_t(framebuffers)},
-            {"memory_bytes", int64_t(resident())}});
+                       {"load_ms", load_ms},
+                       {"geometry_bytes", int64_t(geometry)},
+                       {"framebuffer_bytes", int64_t(framebuffers)},
+                       {"memory_bytes", int64_t(resident())}});
     for (std::string line; std::getline(std::cin, line);) {
         std::istringstream words(line);
         std::string command, argument;
@@ -74,11 +74,11 @@ void serve(const FramesOptions& options, LoadedScene& loaded, const plugin::Tabl
             const double start = now_ms();
             const DrawStatistics s = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image, &workspace);
             answer(toml::table{{"ms", now_ms() - start},
-                    {"vertices", s.vertex_ms},
-                    {"bins", s.bin_ms},
-                    {"tiles", s.tile_ms},
-                    {"fragments", s.fragments},
-                    {"memory_bytes", int64_t(resident())}});
+                               {"vertices", s.vertex_ms},
+                               {"bins", s.bin_ms},
+                               {"tiles", s.tile_ms},
+                               {"fragments", s.fragments},
+                               {"memory_bytes", int64_t(resident())}});
         } else if (command == "write") {
             Film copy = image;
             write_image(options.scene, copy, argument, 0);
@@ -119,9 +119,8 @@ void add_frames(CLI::App& app, const Framework& framework) {
             return;
         }
         const PluginLibrary library(options->plugin);
-        library.is_double()
-            ? serve(*options, loaded, checked_table<double>(options->plugin, loaded, library), load_ms)
-            : serve(*options, loaded, checked_table<float>(options->plugin, loaded, library), load_ms);
+        library.is_double() ? serve(*options, loaded, checked_table<double>(options->plugin, loaded, library), load_ms)
+                            : serve(*options, loaded, checked_table<float>(options->plugin, loaded, library), load_ms);
     });
 }
 

@@ -36,18 +36,17 @@ void write_statistics(const DrawStatistics& s, const LoadedScene& loaded, const 
         dropped += mesh.dropped_triangles;
         cancelled += mesh.cancelled_normals;
     }
-    toml::table out{
-        {"triangles", s.triangles},
-        {"clipped_triangles", s.clipped_triangles},
-        {"dropped_triangles", dropped},
-        {"cancelled_vertex_normals", cancelled},
-        {"not_finite_vertices", s.not_finite_vertices},
-        {"fragments", s.fragments},
-        {"fallback_normals", s.fallback_normals},
-        {"lights_at_surface", s.lights_at_surface},
-        {"milliseconds", toml::table{{"vertices", s.vertex_ms}, {"bins", s.bin_ms}, {"tiles", s.tile_ms}}},
-        {"not_finite_fragments", s.not_finite_fragments},
-        {"repeats", json::array(repeats)}};
+    toml::table out{{"triangles", s.triangles},
+                    {"clipped_triangles", s.clipped_triangles},
+                    {"dropped_triangles", dropped},
+                    {"cancelled_vertex_normals", cancelled},
+                    {"not_finite_vertices", s.not_finite_vertices},
+                    {"fragments", s.fragments},
+                    {"fallback_normals", s.fallback_normals},
+                    {"lights_at_surface", s.lights_at_surface},
+                    {"milliseconds", toml::table{{"vertices", s.vertex_ms}, {"bins", s.bin_ms}, {"tiles", s.tile_ms}}},
+                    {"not_finite_fragments", s.not_finite_fragments},
+                    {"repeats", json::array(repeats)}};
     if (s.first_not_finite) {
         const NotFinite& f = *s.first_not_finite;
         out.insert("first_not_finite", toml::table{{"x", f.x},
@@ -101,8 +100,8 @@ void explain(const Features& features, const std::function<std::string(const Dec
         }
 }
 
-/// What an omission saves: the scene drawn in turn with it and without, and the difference of the shortest times. `full`: a plugin that holds
-/// every loop and the terms, for what the scene's own plugin was compiled without.
+/// What an omission saves: the scene drawn in turn with it and without, and the difference of the shortest times. `full`: a
+/// plugin that holds every loop and the terms, for what the scene's own plugin was compiled without.
 template <class Real>
 std::string saved_by(const SceneOptions& options, const LoadedScene& loaded, const plugin::Table<Real>& lean,
                      const plugin::Table<Real>* full, const Decision& decision) {

@@ -9,10 +9,8 @@ namespace shadelab {
 namespace {
 
 toml::table domain_table(const Domain& domain, const std::string& type) {
-    toml::table out{{"kind", domain.kind},
-                    {"type", type},
-                    {"opposite", domain.opposite},
-                    {"scale", domain.log ? "log" : "linear"}};
+    toml::table out{
+        {"kind", domain.kind}, {"type", type}, {"opposite", domain.opposite}, {"scale", domain.log ? "log" : "linear"}};
     if (!domain.base.empty()) out.insert("base", domain.base);
     if (domain.range) out.insert("range", json::array(domain.range->data(), 2));
     if (domain.typical) out.insert("typical", json::array(domain.typical->data(), 2));
@@ -42,7 +40,8 @@ toml::array gates_array(const std::vector<Gate>& gates) {
         toml::table entry;
         for (const auto& [path, value] : gate) {
             if (const auto* number = std::get_if<double>(&value)) entry.insert(path, *number);
-            if (const auto* numbers = std::get_if<std::vector<double>>(&value)) entry.insert(path, json::array(*numbers));
+            if (const auto* numbers = std::get_if<std::vector<double>>(&value))
+                entry.insert(path, json::array(*numbers));
             if (const auto* other = std::get_if<std::string>(&value)) entry.insert(path, *other);
         }
         out.push_back(entry);
@@ -72,8 +71,8 @@ std::string describe(const Manifest& manifest) {
                                         {"outputs", columns_array(manifest.result_columns(function))},
                                         {"gates", gates_array(function.gates)}});
     for (const SceneEntry& scene : manifest.scenes)
-        scenes.push_back(toml::table{
-            {"name", scene.file.stem().string()}, {"file", scene.file.string()}, {"points", scene.points}});
+        scenes.push_back(
+            toml::table{{"name", scene.file.stem().string()}, {"file", scene.file.string()}, {"points", scene.points}});
     toml::array fragment, lights;
     for (const FragmentAttribute& attribute : manifest.interface.fragment)
         fragment.push_back(toml::table{{"name", attribute.name},
@@ -81,19 +80,20 @@ std::string describe(const Manifest& manifest) {
                                        {"from", attribute.source}});
     for (const LightKind& kind : manifest.interface.lights)
         lights.push_back(toml::table{{"kind", kind.name}, {"members", json::array(kind.members)}});
-    return json::text(toml::table{{"schema", "shadelab/assignment/2"},
-                                  {"light_function", manifest.interface.light_function},
-                                  {"fragment", fragment},
-                                  {"lights", lights},
-                                  {"name", manifest.name},
-                                  {"title", manifest.title},
-                                  {"directory", std::filesystem::weakly_canonical(std::filesystem::absolute(manifest.directory)).string()},
-                                  {"files", json::array(manifest.files)},
-                                  {"given", given},
-                                  {"models", models},
-                                  {"structs", structs},
-                                  {"functions", functions},
-                                  {"scenes", scenes}});
+    return json::text(toml::table{
+        {"schema", "shadelab/assignment/2"},
+        {"light_function", manifest.interface.light_function},
+        {"fragment", fragment},
+        {"lights", lights},
+        {"name", manifest.name},
+        {"title", manifest.title},
+        {"directory", std::filesystem::weakly_canonical(std::filesystem::absolute(manifest.directory)).string()},
+        {"files", json::array(manifest.files)},
+        {"given", given},
+        {"models", models},
+        {"structs", structs},
+        {"functions", functions},
+        {"scenes", scenes}});
 }
 
 std::string describe(const Scene& scene, const Manifest& manifest, const Features& features) {
@@ -104,9 +104,8 @@ std::string describe(const Scene& scene, const Manifest& manifest, const Feature
                                      {"columns", json::array(light.flatten())}});
     std::vector<std::string> called;
     for (const Material& material : scene.materials) {
-        materials.push_back(toml::table{{"name", material.name},
-                                        {"model", material.model},
-                                        {"parameters", json::array(material.parameters)}});
+        materials.push_back(toml::table{
+            {"name", material.name}, {"model", material.model}, {"parameters", json::array(material.parameters)}});
         called.push_back(material.model);
     }
     called.push_back(manifest.interface.light_function);
@@ -116,12 +115,13 @@ std::string describe(const Scene& scene, const Manifest& manifest, const Feature
     const char* normals[] = {"smooth", "flat", "file"};
     for (const Object& object : scene.objects) {
         const Material& material = scene.materials[size_t(object.material)];
-        objects.push_back(toml::table{{"mesh", std::filesystem::absolute(object.mesh).lexically_normal().string()},
-                                      {"material", material.name},
-                                      {"model", material.model},
-                                      {"normals", normals[int(object.normals)]},
-                                      {"interpolation", object.interpolation == Interpolation::gouraud ? "gouraud" : "phong"},
-                                      {"to_world", json::columns(object.to_world)}});
+        objects.push_back(
+            toml::table{{"mesh", std::filesystem::absolute(object.mesh).lexically_normal().string()},
+                        {"material", material.name},
+                        {"model", material.model},
+                        {"normals", normals[int(object.normals)]},
+                        {"interpolation", object.interpolation == Interpolation::gouraud ? "gouraud" : "phong"},
+                        {"to_world", json::columns(object.to_world)}});
     }
     std::vector<std::string> left_out_names;
     for (const Decision& decision : features.decisions)
@@ -134,13 +134,14 @@ std::string describe(const Scene& scene, const Manifest& manifest, const Feature
                              {"height", film.height},
                              {"samples", film.samples},
                              {"background", json::array(film.background)}}},
-        {"camera", toml::table{{"eye", json::array(camera.eye)},
-                               {"target", json::array(camera.target)},
-                               {"up", json::array(camera.up)},
-                               {"fov_y", camera.fov_y},
-                               {"near", camera.near},
-                               {"far", camera.far},
-                               {"world_to_clip", json::columns(camera.world_to_clip(double(film.width) / film.height))}}},
+        {"camera",
+         toml::table{{"eye", json::array(camera.eye)},
+                     {"target", json::array(camera.target)},
+                     {"up", json::array(camera.up)},
+                     {"fov_y", camera.fov_y},
+                     {"near", camera.near},
+                     {"far", camera.far},
+                     {"world_to_clip", json::columns(camera.world_to_clip(double(film.width) / film.height))}}},
         {"origin", json::array(scene.origin)},
         {"lights", lights},
         {"materials", materials},

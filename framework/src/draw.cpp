@@ -25,8 +25,8 @@ double now_ms() {
 
 // ---------------------------------------------------------------------------------------------- objects
 
-/// Where the array stands that a model names: "n.x", or "m.kd.x", of which `constants` gets one with the material's value. (No texture
-/// gives another one yet.)
+/// Where the array stands that a model names: "n.x", or "m.kd.x", of which `constants` gets one with the material's value. (No
+/// texture gives another one yet.)
 template <class Real>
 BatchColumn find_column(const Frame<Real>& frame, const Material& material, const std::string& name,
                         std::vector<Real>& constants) {
@@ -139,8 +139,8 @@ int64_t shade(const Frame<Real>& frame, const DrawnObject<Real>& object, Fragmen
         const auto [source, component] = object.columns[k];
         in[k] = source == BatchColumn::normal     ? batch.normal[component]
                 : source == BatchColumn::position ? batch.position[component]
-                : source == BatchColumn::eye      ? batch.eye[component]
-                                                  : &object.constants[size_t(component * FragmentBatch<Real>::capacity)];
+                : source == BatchColumn::eye ? batch.eye[component]
+                                             : &object.constants[size_t(component * FragmentBatch<Real>::capacity)];
     }
     for (size_t k = 0; k < out.size(); ++k) out[k] = batch.out[k];
     const plugin::Batch<Real> arguments{batch.count, in.data(), out.data()};
@@ -227,8 +227,14 @@ void note_not_finite(const Frame<Real>& frame, const DrawnObject<Real>& object, 
             continue;
         const auto at = [&](const auto& in) { return glm::dvec3(in[0][i], in[1][i], in[2][i]); };
         const Material& material = frame.scene.materials[object.object->material];
-        statistics.first_not_finite = {x, y, material.name, material.model, at(batch.normal),
-                                       at(batch.position), at(batch.eye), glm::dvec3(value)};
+        statistics.first_not_finite = {x,
+                                       y,
+                                       material.name,
+                                       material.model,
+                                       at(batch.normal),
+                                       at(batch.position),
+                                       at(batch.eye),
+                                       glm::dvec3(value)};
     }
 }
 
@@ -417,9 +423,9 @@ void draw_shaded(const Tile<Real>& tile, Worker<Real>& worker) {
 template <class Real>
 void draw_tile(const Tile<Real>& tile, Worker<Real>& worker) {
     const size_t tiles = size_t(tile.grid.across * tile.grid.down), number = size_t(tile.number);
-    const bool anything = std::any_of(
-        tile.buffers.stretches.begin(), tile.buffers.stretches.end(),
-        [&](const Stretch& s) { return !s.bins[number].empty() || !s.bins[tiles + number].empty(); });
+    const bool anything =
+        std::any_of(tile.buffers.stretches.begin(), tile.buffers.stretches.end(),
+                    [&](const Stretch& s) { return !s.bins[number].empty() || !s.bins[tiles + number].empty(); });
     if (!anything)
         clear(tile.frame.film, tile.origin, glm::vec3(tile.frame.scene.film.background));
     else if (tile.frame.features.visibility)

@@ -12,8 +12,8 @@ namespace {
 
 constexpr uint32_t no_slot = 0xffffffff;
 
-/// Divides interpolated rows (n.xyz, sum, x.xyz, 0) by the sum, makes n unit and, with View, v the unit vector to the eye. The arrays are
-/// restrict parameters: otherwise the compiler must assume that they overlap, and the loop stays scalar.
+/// Divides interpolated rows (n.xyz, sum, x.xyz, 0) by the sum, makes n unit and, with View, v the unit vector to the eye. The
+/// arrays are restrict parameters: otherwise the compiler must assume that they overlap, and the loop stays scalar.
 template <bool View, class Real>
 void finish(int count, const Real* __restrict rows, glm::vec<3, Real> eye, Real* __restrict nx, Real* __restrict ny,
             Real* __restrict nz, Real* __restrict xx, Real* __restrict xy, Real* __restrict xz, Real* __restrict vx,
@@ -180,8 +180,8 @@ template <class Real>
 int64_t Interpolator<Real>::surface(const DrawnObject<Real>& object, const Fragment* fragments,
                                     FragmentBatch<Real>& batch, bool view) {
     auto &n = batch.normal, &x = batch.position, &v = batch.eye;
-    (view ? finish<true, Real> : finish<false, Real>)(batch.count, rows_.data(), frame_.eye, n[0], n[1], n[2], x[0], x[1],
-                                                      x[2], v[0], v[1], v[2], squared_.data());
+    (view ? finish<true, Real> : finish<false, Real>)(batch.count, rows_.data(), frame_.eye, n[0], n[1], n[2], x[0],
+                                                      x[1], x[2], v[0], v[1], v[2], squared_.data());
     if (!object.normals_can_cancel) return 0;
 
     // Where vertex normals cancel the direction is noise: the face normal stands in, counted.

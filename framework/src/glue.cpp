@@ -139,11 +139,10 @@ std::string model_text(const Manifest& manifest, const std::filesystem::path& fo
     std::vector<std::string> widths;
     for (const Value& member : manifest.find_struct(material)->members) {
         const std::string flag = "SHADELAB_COLUMN_" + model.name + "_" + member.name,
-                          width = "SHADELAB_WIDTH_" + model.name + "_" + member.name,
-                          when = "#ifdef " + flag + "\n";
+                          width = "SHADELAB_WIDTH_" + model.name + "_" + member.name, when = "#ifdef " + flag + "\n";
         const std::vector<Column> own = manifest.columns({member}, member_of);
-        words["widths"] += when + "#define " + width + " " + std::to_string(own.size()) + "\n#else\n#define " + width +
-                           " 0\n#endif\n";
+        words["widths"] +=
+            when + "#define " + width + " " + std::to_string(own.size()) + "\n#else\n#define " + width + " 0\n#endif\n";
         std::string names, parameters, arguments;
         std::vector<std::string> parts;
         const std::string before = std::to_string(columns.size()) + (widths.empty() ? "" : " + " + join(widths, " + "));
@@ -156,7 +155,8 @@ std::string model_text(const Manifest& manifest, const std::filesystem::path& fo
         words["member_columns"] += when + names + "#endif\n";
         words["member_parameters"] += when + parameters + "#endif\n";
         words["member_arguments"] += when + arguments + "#endif\n";
-        words["members"] += when + "        m." + member.name + " = " + member.type + "(" + join(parts, ", ") + ");\n#endif\n";
+        words["members"] +=
+            when + "        m." + member.name + " = " + member.type + "(" + join(parts, ", ") + ");\n#endif\n";
         widths.push_back(width);
     }
     words["varied"] = widths.empty() ? "0" : join(widths, " + ") + " > 0";
@@ -235,10 +235,9 @@ std::string plugin_text(const Manifest& manifest, const std::filesystem::path& f
     }
     for (const Function& function : manifest.functions) {
         words["functions"] += function_text(manifest, folder, function);
-        words["function_table"] += "    {\"" + function.name + "\", " +
-                                   std::to_string(manifest.columns(function.arguments).size()) + ", " +
-                                   std::to_string(manifest.columns(function.returns)) + ", evaluate_" +
-                                   function.name + "},\n";
+        words["function_table"] +=
+            "    {\"" + function.name + "\", " + std::to_string(manifest.columns(function.arguments).size()) + ", " +
+            std::to_string(manifest.columns(function.returns)) + ", evaluate_" + function.name + "},\n";
     }
     return filled(folder / "plugin.cpp.in", words);
 }
@@ -372,8 +371,9 @@ Shading shading_text(const Manifest& manifest, const std::filesystem::path& fold
 
 /// What a fragment's main says of normals that cancel.
 Words unit_normal(const std::filesystem::path& folder, bool normals_can_cancel) {
-    return {{"fallback", normals_can_cancel ? filled(folder / "fallback.glsl") : ""},
-            {"unit_normal", normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)"}};
+    return {
+        {"fallback", normals_can_cancel ? filled(folder / "fallback.glsl") : ""},
+        {"unit_normal", normals_can_cancel ? "shadelab_unit_normal(shadelab_n, shadelab_x)" : "normalize(shadelab_n)"}};
 }
 
 Words transform(const std::filesystem::path& folder) { return {{"transform", filled(folder / "transform.glsl")}}; }

@@ -64,7 +64,8 @@ Value read_value(const toml::table& table, const std::string& file, const std::s
     TomlReader reader(table, file, key);
     if (table.size() != 1) reader.fail(key, "each entry is one { name = \"domain\" }");
     const std::string name(table.begin()->first.str());
-    Value value = table.begin()->second.is_string() ? short_form(reader, name, manifest) : long_form(reader.child(name));
+    Value value =
+        table.begin()->second.is_string() ? short_form(reader, name, manifest) : long_form(reader.child(name));
     value.name = name;
     return value;
 }
@@ -82,7 +83,7 @@ std::vector<Value> read_values(TomlReader& reader, const std::string& key, const
     for (const Value& value : out) {
         const auto same = [&](const Value& other) { return other.name == value.name; };
         if (std::count_if(out.begin(), out.end(), same) > 1) reader.fail(key, value.name + " stands here twice");
-        const auto base = [&](const Value& other) { return other.name == value.domain.base; };
+        const auto base = [&](const Value& other) { return other.name == value.domain.base && &other != &value; };
         if (value.domain.kind == "upper" && std::none_of(out.begin(), out.end(), base))
             reader.fail(key, value.name + ": upper(" + value.domain.base + ") names no argument");
     }
@@ -159,7 +160,8 @@ std::vector<Gate> read_gates(TomlReader& reader, const Function& function, const
             if (const auto* other = value.as_string()) {
                 const auto found = widths.find(other->get());
                 if (found == widths.end() || found->second != width->second)
-                    reader.fail("gates", path + " = " + other->get() + ": there is no such column, or it is not as wide");
+                    reader.fail("gates",
+                                path + " = " + other->get() + ": there is no such column, or it is not as wide");
                 gate.emplace_back(path, other->get());
                 continue;
             }
@@ -201,25 +203,47 @@ void read_functions(TomlReader& root, const std::string& file, Manifest& manifes
     }
 }
 
-/// What the framework cannot give, no model may ask for.
-void check_models(TomlReader& root, const Manifest& manifest) {
+/// What the framework cannot give, no function that it calls may ask for: `has` is what it has, by name.
+void check_arguments(const TomlReader& reader, const Function& function, size_t first, const std::vector<Value>& has) {
+    for (size_t i = first; i < function.arguments.size(); ++i) {
+        const Value& argument = function.arguments[i];
+        const auto found =
+            std::find_if(has.begin(), has.end(), [&](const Value& v) { return v.name == argument.name; });
+        std::vector<std::string> known;
+        for (const Value& value : has) known.push_back(value.name);
+        if (found == has.end())
+            reader.fail("arguments", function.name + ": the framework has no " + argument.name +
+                                         " to give to it; it has " + list_of(known));
+        if (found->type != argument.type)
+            reader.fail("arguments", function.name + ": the framework's " + argument.name + " is a " + found->type +
+                                         ", not a " + argument.type);
+    }
+}
+
+void check_calls(TomlReader& root, const Manifest& manifest) {
     const Interface& interface = manifest.interface;
     const Function* light = manifest.find_function(interface.light_function);
     const Struct* incident = light ? manifest.find_struct(light->returns) : nullptr;
-    for (const Function& model : manifest.functions) {
-        if (!model.is_model()) continue;
+    std::vector<Value> fragment;
+    for (const FragmentAttribute& attribute : interface.fragment) fragment.push_back(attribute.value);
+    const std::vector<TomlReader> readers = root.children("function");
+    for (size_t i = 0; i < manifest.functions.size(); ++i) {
+        const Function& function = manifest.functions[i];
+        const TomlReader& reader = readers[i];
+        std::vector<Value> has = fragment;
+        if (function.name == interface.light_function) {
+            for (const Value& argument : function.arguments)
+                if (argument.type == "Light") has.push_back(argument);
+            check_arguments(reader, function, 0, has);
+        }
+        if (!function.is_model()) continue;
         if (!incident)
-            root.fail("function", model.name + " is a model, and models need " + interface.light_function +
-                                      ": declare it, or list an assignment that does under given");
-        if (!manifest.find_struct(model.arguments[0].type))
-            root.fail("function", model.name + ": a model's first argument is its material, a struct");
-        std::vector<std::string> known;
-        for (const FragmentAttribute& attribute : interface.fragment) known.push_back(attribute.name);
-        for (const Value& member : incident->members) known.push_back(member.name);
-        for (size_t i = 1; i < model.arguments.size(); ++i)
-            if (std::find(known.begin(), known.end(), model.arguments[i].name) == known.end())
-                root.fail("function", model.name + ": the framework has no " + model.arguments[i].name +
-                                          " to give to a model; it has " + list_of(known));
+            reader.fail("returns", function.name + " is a model, and models need " + interface.light_function +
+                                       ": declare it, or list an assignment that does under given");
+        if (!manifest.find_struct(function.arguments[0].type))
+            reader.fail("arguments", function.name + ": a model's first argument is its material, a struct");
+        has.insert(has.end(), incident->members.begin(), incident->members.end());
+        check_arguments(reader, function, 1, has);
     }
 }
 
@@ -324,7 +348,7 @@ Manifest load_manifest(const std::filesystem::path& directory, const std::filesy
     }
     read_structs(root, file, manifest);
     read_functions(root, file, manifest);
-    check_models(root, manifest);
+    check_calls(root, manifest);
     for (TomlReader& reader : root.children("scene")) {
         const std::filesystem::path scene = std::filesystem::absolute(directory / reader.string("file"));
         manifest.scenes.push_back({std::filesystem::weakly_canonical(scene), reader.number("points", 0, Range{0})});

@@ -58,8 +58,9 @@ struct Programs {
     int64_t add(const ShaderMains& mains) {
         const auto [entry, fresh] = known.try_emplace(mains.vertex + mains.fragment, int64_t(list.size()));
         if (fresh)
-            list.push_back(toml::table{{"vertex", stage(mains.vertex, mains.student == ShaderMains::vertex_stage)},
-                                       {"fragment", stage(mains.fragment, mains.student == ShaderMains::fragment_stage)}});
+            list.push_back(
+                toml::table{{"vertex", stage(mains.vertex, mains.student == ShaderMains::vertex_stage)},
+                            {"fragment", stage(mains.fragment, mains.student == ShaderMains::fragment_stage)}});
         return entry->second;
     }
 
@@ -79,9 +80,10 @@ toml::table target(const std::string& layer, glm::dvec4 clear) {
 }
 
 /// A layer of the film: which pass draws it, into which components of which target.
-toml::table film_layer(const std::string& layer, int channels, int pass, int target, int first, const std::string& reduce) {
-    return toml::table{{"layer", layer}, {"channels", channels}, {"pass", pass},
-                       {"target", target}, {"first", first},     {"reduce", reduce}};
+toml::table film_layer(const std::string& layer, int channels, int pass, int target, int first,
+                       const std::string& reduce) {
+    return toml::table{{"layer", layer},   {"channels", channels}, {"pass", pass},
+                       {"target", target}, {"first", first},       {"reduce", reduce}};
 }
 
 /// The lights, as uniforms of their own or, when there are many, as a texture.
@@ -111,7 +113,8 @@ void add_lights(const Scene& scene, const Manifest& manifest, const std::vector<
         for (const Value& member : manifest.find_struct("Light")->members) {
             const size_t count = size_t(manifest.columns(member.type));
             if (member.type != "int")  // the kind, which is compiled in
-                uniforms.insert("shadelab_light" + std::to_string(l) + "_" + member.name, floats(&light[column], count));
+                uniforms.insert("shadelab_light" + std::to_string(l) + "_" + member.name,
+                                floats(&light[column], count));
             column += count;
         }
     }
@@ -159,10 +162,10 @@ Packet make_packet(const Scene& scene, const Manifest& manifest, const Features&
         const Object& object = scene.objects[i];
         const Material& material = scene.materials[size_t(object.material)];
         const bool can_cancel = features.normal_fallback || normals_can_cancel(meshes[i], object.to_world);
-        const ShaderMains mains =
-            features.depth_only ? glsl_depth_mains(framework)
-                                : glsl_shade_mains(manifest, framework, scene, features,
-                                                   *manifest.find_model(material.model), object.interpolation, can_cancel);
+        const ShaderMains mains = features.depth_only ? glsl_depth_mains(framework)
+                                                      : glsl_shade_mains(manifest, framework, scene, features,
+                                                                         *manifest.find_model(material.model),
+                                                                         object.interpolation, can_cancel);
         draws.push_back(toml::table{{"object", int64_t(i)}, {"program", programs.add(mains)}});
         if (features.geometry_layers)
             geometry_draws.push_back(toml::table{
@@ -202,19 +205,19 @@ Packet make_packet(const Scene& scene, const Manifest& manifest, const Features&
         film.push_back(film_layer("normal", 3, 1, 0, 0, "centre"));
         film.push_back(film_layer("position", 3, 1, 1, 0, "centre"));
     }
-    const toml::table header{
-        {"width", width},
-        {"height", height},
-        {"supersample", supersample},
-        {"glsl", toml::table{{"version", "330"}, {"precision", ""}}},
-        {"sources", toml::table{{"prelude", glsl_prelude(manifest, framework)}}},
-        {"programs", programs.list},
-        {"textures", textures},
-        {"uniforms", uniforms},
-        {"objects", objects},
-        {"camera", toml::table{{"eye", json::array(scene.camera.eye)}, {"world_to_clip", json::columns(world_to_clip)}}},
-        {"passes", passes},
-        {"film", film}};
+    const toml::table header{{"width", width},
+                             {"height", height},
+                             {"supersample", supersample},
+                             {"glsl", toml::table{{"version", "330"}, {"precision", ""}}},
+                             {"sources", toml::table{{"prelude", glsl_prelude(manifest, framework)}}},
+                             {"programs", programs.list},
+                             {"textures", textures},
+                             {"uniforms", uniforms},
+                             {"objects", objects},
+                             {"camera", toml::table{{"eye", json::array(scene.camera.eye)},
+                                                    {"world_to_clip", json::columns(world_to_clip)}}},
+                             {"passes", passes},
+                             {"film", film}};
     return {json::text(header), std::move(buffers.bytes)};
 }
 

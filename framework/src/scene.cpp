@@ -185,7 +185,8 @@ std::vector<std::string> scene_models(const std::filesystem::path& file) {
     std::set<std::string> out;
     if (const toml::table* materials = table["material"].as_table())
         for (const auto& [name, material] : *materials)
-            if (const auto model = material.is_table() ? (*material.as_table())["model"].value<std::string>() : std::nullopt)
+            if (const auto model =
+                    material.is_table() ? (*material.as_table())["model"].value<std::string>() : std::nullopt)
                 out.insert(*model);
     return {out.begin(), out.end()};
 }
@@ -199,8 +200,7 @@ Scene load_scene(const std::filesystem::path& file, const Manifest& manifest) {
     scene.camera = read_camera(root.child("camera"));
     for (const LightKind& kind : manifest.interface.lights) scene.light_kinds.push_back(kind.name);
     int entry = 0;
-    for (TomlReader& reader : root.children("light"))
-        read_light(reader, entry++, manifest.interface, scene.lights);
+    for (TomlReader& reader : root.children("light")) read_light(reader, entry++, manifest.interface, scene.lights);
     for (auto& [name, reader] : root.named_children("material"))
         scene.materials.push_back(read_material(name, reader, manifest));
     for (TomlReader& reader : root.children("object"))

@@ -32,8 +32,8 @@ struct DrawnObject {
 
     const plugin::Model<Real>* model = nullptr;
     std::vector<Real> material;
-    std::vector<BatchColumn> columns;  ///< what the model takes of a batch, in its order
-    std::vector<Real> constants;       ///< a batch's array for each column that is a member of the material
+    std::vector<BatchColumn> columns;              ///< what the model takes of a batch, in its order
+    std::vector<Real> constants;                   ///< a batch's array for each column that is a member of the material
     std::vector<glm::vec<3, Real>> lights_within;  ///< positions of the lights inside of its bounding box
     std::vector<std::array<Real, 12>> colour;      ///< Gouraud: total, ambient, diffuse, specular at each vertex
 };

@@ -7,8 +7,8 @@
 
 namespace shadelab {
 
-/// The file's text with "@name@" replaced by words["name"]. Throws InputError for a file that cannot be read, std::logic_error for a
-/// gap that has no word.
+/// The file's text with "@name@" replaced by words["name"]. Throws InputError for a file that cannot be read, std::logic_error
+/// for a gap that has no word.
 std::string filled(const std::filesystem::path& file, const std::map<std::string, std::string>& words = {});
 
 /// The whole file.

@@ -1,6 +1,6 @@
 #pragma once
-// What the framework understood of a manifest and of a scene, as JSON: the facts that everybody else goes by, so that nobody reads
-// these files a second time.
+// What the framework understood of a manifest and of a scene, as JSON: the facts that everybody else goes by, so that nobody
+// reads these files a second time.
 
 #include <shadelab/features.hpp>
 #include <shadelab/manifest.hpp>
@@ -19,7 +19,8 @@ namespace shadelab {
 /// width, domain.
 std::string describe(const Manifest& manifest);
 
-/// One scene. Numbers are the loader's, in double; places are relative to `origin`, as both renderers use them; angles are radians.
+/// One scene. Numbers are the loader's, in double; places are relative to `origin`, as both renderers use them; angles are
+/// radians.
 ///     schema, film (width, height, samples, background), origin, calls[] (functions that the framework calls)
 ///     camera: eye, target, up, fov_y, near, far, world_to_clip (16 numbers by column)
 ///     lights[]: kind, entry (of the file), columns[] (the Light, flattened);   materials[]: name, model, parameters[]

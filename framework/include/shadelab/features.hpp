@@ -29,15 +29,15 @@ struct Decision {
 
 struct Features {
     bool term_layers = false, geometry_layers = false, depth_only = false, visibility = false;  ///< as requested
-    bool gouraud = false;            ///< some object is shaded at its vertices
-    bool per_fragment = false;       ///< some object is shaded at its fragments
-    bool surface = true;             ///< fragments of Gouraud objects get normal, position and view, too
-    bool view = true;                ///< the unit vector to the eye is computed: some model takes it
-    bool normal_fallback = false;    ///< also where no triangle's normals can cancel
-    std::vector<int> lights;         ///< indices of the scene's lights that can add anything
-    std::vector<int> materials;      ///< indices of the materials that an object uses
+    bool gouraud = false;                       ///< some object is shaded at its vertices
+    bool per_fragment = false;                  ///< some object is shaded at its fragments
+    bool surface = true;                        ///< fragments of Gouraud objects get normal, position and view, too
+    bool view = true;                           ///< the unit vector to the eye is computed: some model takes it
+    bool normal_fallback = false;               ///< also where no triangle's normals can cancel
+    std::vector<int> lights;                    ///< indices of the scene's lights that can add anything
+    std::vector<int> materials;                 ///< indices of the materials that an object uses
     std::vector<FragmentAttribute> attributes;  ///< what the models that are drawn take of a fragment
-    std::vector<std::string> loops;  ///< MODEL_KIND: the shading loops to compile, e.g. "phong_point"
+    std::vector<std::string> loops;             ///< MODEL_KIND: the shading loops to compile, e.g. "phong_point"
     std::vector<Decision> decisions;
 
     /// What is needed, or what is left out, a line each: "what: why".

@@ -39,9 +39,9 @@ struct Film {
     Film downsampled(int n) const;
 };
 
-/// Writes by extension: .png (sRGB, total times 2^exposure; pixels with NaN or negative infinity become magenta, positive infinity white; with further layers
-/// one file each, NAME.LAYER.png), .exr (linear float32, named layers) or .npy (height x width x channels, float32).
-/// Throws InputError for an unknown extension and InfrastructureError when writing fails.
+/// Writes by extension: .png (sRGB, total times 2^exposure; pixels with NaN or negative infinity become magenta, positive
+/// infinity white; with further layers one file each, NAME.LAYER.png), .exr (linear float32, named layers) or .npy (height x
+/// width x channels, float32). Throws InputError for an unknown extension and InfrastructureError when writing fails.
 void write_film(const Film& film, const std::filesystem::path& file, double exposure);
 
 }  // namespace shadelab

@@ -12,28 +12,38 @@
 namespace shadelab {
 
 /// The file: the line "shadelab packet 2", the length of the header in bytes as a line, the header (JSON), then the buffers
-/// (little-endian float32 and uint32) at the offsets that the header gives, counted from the first byte behind it.
+/// (little-endian float32 and uint32). Every `offset` counts bytes from the first one behind the header, `count` counts elements.
 ///
-/// The header:
-///     width, height     of the targets, pixels: the film's times supersample
-///     supersample       how many of these make a pixel of the film, in each direction
-///     glsl              version ("330") and precision (statements that stand behind #version, or "")
-///     sources           texts that several stages share, by name
-///     programs[]        vertex, fragment: pieces in their order, each with `line`, the number of its first line, and one of `text`,
-///                       `source` (a name) and `student` (true: the student's file stands here). A stage is #version, precision and
-///                       each piece behind a #line of its own, so that a line in a driver's message tells the piece
-///     textures[]        name (of the sampler), offset, width, height: RGBA float32, read with texelFetch; bound to units in order
-///     uniforms          what all objects share: name -> numbers, matrices by column. A program need not have them all
-///     objects[]         attributes: name -> offset, count (of vertices), components;  indices: offset, count;  uniforms;
-///                       to_world: 16 numbers by column, in double
-///     camera            eye, world_to_clip (by column, in double): shadelab_to_clip is world_to_clip to_world; who moves the camera
-///                       computes it anew
-///     passes[]          name;  samples (1, or coverage and depth samples of a pixel);
-///                       targets[]: layer (for people) and clear (four numbers): RGBA float32;  depth is cleared to 1, less passes;
-///                       draws[]: object, program
-///     film[]            the image's layers in their order: layer, channels, pass, target (-1: the pass's depth, of each pixel's first
-///                       sample), first (the target's first component that is of it), reduce: "mean" (of the supersample^2 pixels, in
-///                       double) or "centre" (the pixel nearest the centre)
+///     width, height   of the targets, pixels: the film's times supersample
+///     supersample     how many of these make a pixel of the film, in each direction
+///     glsl            version ("330") and precision (statements that stand behind #version, or "")
+///     sources         texts that several stages share, by name
+///     programs[]      vertex, fragment: lists of pieces, each with `line`, the number of its first line, and one of
+///                     `text`, `source` (a name) and `student` (true: the student's file stands here)
+///     textures[]      name (of the sampler), offset, width, height: RGBA float32, nearest; texture i is bound to unit i
+///     uniforms        what all objects share: name -> numbers, float32, matrices by column
+///     objects[]       attributes: name -> offset, count (of vertices), components (float32 each)
+///                     indices: offset, count: triangles, three uint32 each
+///                     uniforms: name -> numbers, as above;  to_world: 16 numbers by column, in double
+///     camera          eye, world_to_clip (16 numbers by column, in double)
+///     passes[]        name;  samples: coverage and depth samples of a pixel
+///                     targets[]: RGBA float32, bound to the outputs 0, 1, ... in order: layer (for people), clear (four numbers)
+///                     draws[]: object, program (numbers of the lists above), in this order
+///     film[]          the image's layers in their order: layer, channels, pass, target, first, reduce
+///
+/// A stage is "#version V", the precision, and each piece behind a "#line N" of its own, so that a line in a driver's message tells
+/// the piece. A browser puts its own version and precision there.
+///
+/// A pass clears its targets and the depth (to 1), and draws with the depth test "less", depth writes, and no culling or blending.
+/// A program need not have every attribute, uniform and sampler: compilers drop what a student's function does not read. Samples
+/// are averaged when the pass is over.
+///
+/// A layer of the film is `channels` components of a target, from component `first` on. Target -1 is the pass's depth, of each
+/// pixel's first sample. Of the supersample^2 pixels that make one of the film, "mean" takes the average (summed in double), and
+/// "centre" the one in column and row supersample / 2, rounded down and counted from the top left.
+///
+/// Who moves the camera sets shadelab_to_clip to float32(world_to_clip to_world) for each object, the product in double, and
+/// shadelab_eye to the new eye; nothing else depends on the camera.
 struct Packet {
     std::string header;   ///< JSON
     std::string buffers;  ///< what the offsets point into

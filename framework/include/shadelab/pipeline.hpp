@@ -10,8 +10,8 @@
 //   5  only what is visible is interpolated, in batches of one material (structure of arrays)
 //   6  the student's function shades a batch, one light at a time: I(a + b) = I(a) + I(b)
 //
-// The code stands in bin.cpp (1 to 3), rasterize.cpp and visibility.cpp (2 and 4), fragments.cpp (5) and draw.cpp (6 and the frame as a whole);
-// docs/rasterizer.md says why it is fast.
+// The code stands in bin.cpp (1 to 3), rasterize.cpp and visibility.cpp (2 and 4), fragments.cpp (5) and draw.cpp (6 and the
+// frame as a whole); docs/rasterizer.md says why it is fast.
 //
 // Conventions are OpenGL's: clip space with z in [-w, w], window y upwards, pixel centres at half-integers, depth in [0, 1],
 // nearer is smaller. Only Film counts rows from the top. Coverage is decided in integers, so that two triangles that share an
@@ -64,8 +64,8 @@ template <class Real>
 struct FragmentBatch {
     static constexpr int capacity = 1024;
     int count = 0;
-    int pixel[capacity];                 ///< index into the film
-    float weight[capacity];              ///< share of the pixel's samples that it covers
+    int pixel[capacity];     ///< index into the film
+    float weight[capacity];  ///< share of the pixel's samples that it covers
     // What interface.toml's attributes come from; a model is handed the arrays that it names.
     alignas(64) Real normal[3][capacity];
     alignas(64) Real position[3][capacity];

@@ -10,8 +10,9 @@ namespace shadelab::plugin {
 inline constexpr int abi_version = 2;
 inline constexpr const char* symbol = "shadelab_plugin";
 
-/// One batch of fragments, structure of arrays. `in`: one array for each of the model's columns, in its order. `out`: total.rgb and,
-/// in a plugin with terms, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is there.
+/// One batch of fragments, structure of arrays. `in`: one array for each of the model's columns, in its order. `out`: total.rgb
+/// and, in a plugin with terms, ambient.rgb, diffuse.rgb, specular.rgb behind it; the light's contribution is added to what is
+/// there.
 template <class Real>
 struct Batch {
     int count;
@@ -25,12 +26,12 @@ using Shade = void (*)(const Batch<Real>& batch, const Real* material, const Rea
 template <class Real>
 struct Model {
     const char* name;
-    /// What its loops read of each fragment: "n.x", as interface.toml declares it, or a member of the material that is not the same
-    /// everywhere, "m.kd.x" (compiled with -DSHADELAB_COLUMN_<model>_<member>).
+    /// What its loops read of each fragment: "n.x", as interface.toml declares it, or a member of the material that is not the
+    /// same everywhere, "m.kd.x" (compiled with -DSHADELAB_COLUMN_<model>_<member>).
     int column_count;
     const char* const* columns;
-    /// One for each kind of light, so that no branch on the kind stands in the loop. Null: the plugin was compiled for scenes that
-    /// do not need it.
+    /// One for each kind of light, so that no branch on the kind stands in the loop. Null: the plugin was compiled for scenes
+    /// that do not need it.
     const Shade<Real>* shade;
 };
 

@@ -31,13 +31,13 @@ struct Camera {
 };
 
 struct Light {
-    int kind = 0;        ///< its number among the kinds that interface.toml declares
-    bool placed = true;  ///< it has a position
+    int kind = 0;                                 ///< its number among the kinds that interface.toml declares
+    bool placed = true;                           ///< it has a position
     glm::dvec3 position{0}, direction{0, -1, 0};  ///< direction: unit, the way the light travels
     glm::dvec3 intensity{0}, attenuation{1, 0, 0};
     double hotspot = 0, falloff = 0;  ///< half-angles, radians
-    int entry = 0;      ///< of the file; lights of one entry differ in position alone
-    bool grid = false;  ///< it is one of a grid
+    int entry = 0;                    ///< of the file; lights of one entry differ in position alone
+    bool grid = false;                ///< it is one of a grid
 
     /// The members in the order of the Light struct of interface.toml, as plugins and shaders take them.
     std::vector<double> flatten() const;
@@ -45,7 +45,7 @@ struct Light {
 
 struct Material {
     std::string name, model;
-    std::vector<double> parameters;    ///< the members of the model's struct, flattened in the manifest's order
+    std::vector<double> parameters;         ///< the members of the model's struct, flattened in the manifest's order
     std::vector<std::string> columns = {};  ///< their names: "m.kd.x"; m is what the model calls its material
 };
 
