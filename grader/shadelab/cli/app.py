@@ -4,6 +4,7 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 3 infrastructure.
 """
 
+import functools
 import importlib
 import sys
 
@@ -35,12 +36,18 @@ and grade again. `./shadelab COMMAND --help` explains each command.""",
 _UsageError = typer.BadParameter.__bases__[0]  # click's class; typer has it from click or carries it itself
 
 
-def main() -> None:
+@functools.cache
+def program() -> typer.Typer:
+    """`app` with the commands that this checkout can run."""
     for group in GROUPS:
         if group not in INSTRUCTORS or (ROOT / "solution").is_dir():
             importlib.import_module(f"shadelab.cli.{group}").register(app)
+    return app
+
+
+def main() -> None:
     try:
-        sys.exit(app(standalone_mode=False, prog_name="./shadelab") or 0)
+        sys.exit(program()(standalone_mode=False, prog_name="./shadelab") or 0)
     except typer.Exit as done:
         sys.exit(done.exit_code)
     except _UsageError as error:
