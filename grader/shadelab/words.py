@@ -1,4 +1,6 @@
-"""Names that every report and message uses."""
+"""Names that every report and message uses, and text of a student made harmless."""
+
+import unicodedata
 
 BACKENDS = {"cpp": "C++", "glsl": "GLSL"}
 FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
@@ -7,3 +9,19 @@ FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
 def listed(names: list[str]) -> str:
     """a, b and c"""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def plain(text: object) -> str:
+    """Text that a student controls, made harmless: what would steer a terminal or reorder the page becomes visible."""
+    return "".join(map(_visible, str(text).replace("\r\n", "\n")))
+
+
+def _visible(character: str) -> str:
+    if character in "\n\t":
+        return character
+    category = unicodedata.category(character)
+    if category == "Cc":
+        return chr(0x2400 + ord(character)) if ord(character) < 32 else "␡" if ord(character) == 127 else "\ufffd"
+    if category in ("Zl", "Zp"):
+        return "\n"
+    return "\ufffd" if category in ("Cf", "Cs") else character

@@ -306,8 +306,9 @@ def probe(
     Shows n, v, x, the material and, for each light, l and h, then the values of all functions: C++, GLSL, and what is expected
     where that may be shown. What is off is marked; the last line names the first function that is wrong.
     """
-    from shadelab.inspect.probe import as_json, pixel_of, print_probe
+    from shadelab.inspect.probe import as_json, pixel_of
     from shadelab.inspect.probe import probe as run_probe
+    from shadelab.report.probe import print_probe
 
     existing_scene(scene)
     json = Json(json_)

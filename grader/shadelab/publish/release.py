@@ -40,7 +40,9 @@ CHECKOUT = (
     "framework", "grader", "scenes/make_meshes.py", "scenes/teapot_patches.txt", "scenes/SOURCES.md",
 )  # fmt: skip
 # Of these, what only instructors' commands use.
-INSTRUCTORS = ("measure", "prove", "publish", "study", "report/matrix.py")
+INSTRUCTORS = (
+    "cli/course.py", "cli/measuring.py", "cli/release.py", "measure", "prove", "publish", "study", "report/matrix.py",
+)  # fmt: skip
 SHORT = 16  # a marked line of fewer characters says nothing by itself: `return vec3(0.0);` and shorter ones
 
 

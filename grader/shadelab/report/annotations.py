@@ -2,8 +2,7 @@
 
 import re
 
-from shadelab.report import short as texts
-from shadelab.report import terminal as words
+from shadelab.report import short, terminal
 from shadelab.result import Result
 
 MOST = 10  # of one kind in one step; GitHub drops the others
@@ -12,18 +11,18 @@ MOST = 10  # of one kind in one step; GitHub drops the others
 def annotations(result: Result, folder: str = "") -> list[str]:
     """One workflow command for each error of a build. `folder`: where the submission lies in the repository."""
     out = []
-    for check in words.in_order(result, "failed"):
+    for check in terminal.in_order(result, "failed"):
         if check.kind != "build" or check.hidden:
             continue
-        file = words.FILES[check.backend]
+        file = terminal.FILES[check.backend]
         # What belongs to an error follows it in lines of another shape: the line of code, and a caret below it.
         place = re.compile(rf"^{re.escape(file)}:(?:(?P<line>\d+):(?:(?P<col>\d+):)?)? (?P<text>.*)$", re.MULTILINE)
-        for found in place.finditer(texts.cut(check.message, texts.MESSAGE)):
+        for found in place.finditer(short.cut(check.message, short.MESSAGE)):
             properties = {"file": f"{folder.rstrip('/')}/{file}" if folder else file}
             properties |= {key: found[key] for key in ("line", "col") if found[key]}
-            properties["title"] = f"{words.BACKENDS[check.backend]} does not compile"
+            properties["title"] = f"{terminal.BACKENDS[check.backend]} does not compile"
             joined = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
-            out.append(f"::error {joined}::{_data(texts.line(found['text'], texts.COMMAND))}")
+            out.append(f"::error {joined}::{_data(short.line(found['text'], short.COMMAND))}")
     return out[:MOST]
 
 

@@ -11,8 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from shadelab.report import short as texts
-from shadelab.report import terminal as words
+from shadelab.report import short, terminal
 from shadelab.result import Check, Result
 
 SCHEMA = "classroom50/result/v1"
@@ -31,7 +30,7 @@ def classroom50(result: Result, environment: Mapping[str, str] | None = None) ->
     submission = given.get("SUBMISSION_TAG") or "submit/local"
     commit = given.get("COMMIT_URL") or result.submission or "local"
     found = _tag.match(submission)
-    tests = [_test(check) for check in words.in_order(result, *words.STATUS)]
+    tests = [_test(check) for check in terminal.in_order(result, *terminal.STATUS)]
     if not result.complete:
         unseen = max(0, _hundredths(result.max_score) - sum(t["max-score"] for t in tests))
         tests.append({
@@ -57,12 +56,12 @@ def classroom50(result: Result, environment: Mapping[str, str] | None = None) ->
 def _test(check: Check) -> dict[str, Any]:
     most = _hundredths(check.max_score)
     return {
-        "test-name": texts.name(check),
+        "test-name": short.name(check),
         "passed": check.status == "passed",
         "score": min(_hundredths(check.score), most),
         "max-score": most,
         "status": check.status,
-        **({"message": words.OUR_FAULT} if check.status == "error" else {}),
+        **({"message": terminal.OUR_FAULT} if check.status == "error" else {}),
     }
 
 

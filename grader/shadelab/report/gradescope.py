@@ -15,16 +15,15 @@ import json
 from collections import Counter
 from typing import Any
 
-from shadelab.report import short as texts
-from shadelab.report import terminal as words
+from shadelab.report import short, terminal
 from shadelab.report.markdown import details, inline
 from shadelab.result import Check, Result
 
 
 def results(result: Result) -> str:
-    kinds, counts = list(words.KINDS), Counter()
+    kinds, counts = list(terminal.KINDS), Counter()
     tests = []
-    for check in words.in_order(result, *words.STATUS):
+    for check in terminal.in_order(result, *terminal.STATUS):
         counts[check.kind] += 1
         tests.append(_test(check, result, f"{kinds.index(check.kind) + 1}.{counts[check.kind]}"))
     whole = {
@@ -45,12 +44,12 @@ def results(result: Result) -> str:
 
 def _test(check: Check, result: Result, number: str) -> dict[str, Any]:
     passed = check.status == "passed" or (check.status == "skipped" and not check.max_score)
-    remark = "" if check.status in ("passed", "failed") else f": {words.STATUS[check.status]}"
+    remark = "" if check.status in ("passed", "failed") else f": {terminal.STATUS[check.status]}"
     return {
         "score": round(check.score, 6),
         "max_score": round(check.max_score, 6),
         "status": "passed" if passed else "failed",
-        "name": texts.name(check) + remark,
+        "name": short.name(check) + remark,
         "number": number,
         "output": details(check, result),
         "output_format": "md",
@@ -67,14 +66,14 @@ def _output(result: Result) -> str:
     if not result.complete:
         parts.append("**Grading was cut off before its end.** This is what was earned until then: submit again.")
     if hidden:
-        earned, most = words.points(sum(c.score for c in public)), words.points(sum(c.max_score for c in public))
+        earned, most = terminal.points(sum(c.score for c in public)), terminal.points(sum(c.max_score for c in public))
         parts.append(f"**{earned} of {most} points** in the checks that are shown.")
         are = "check stays" if hidden == 1 else "checks stay"
         parts.append(f"{hidden} {are} hidden until the due date, and with it the total.")
     else:
-        parts.append(f"**{words.points(result.score)} of {words.points(result.max_score)} points.**")
+        parts.append(f"**{terminal.points(result.score)} of {terminal.points(result.max_score)} points.**")
     ours = sum(c.status == "error" for c in public)
     if ours:
-        parts.append(f"**Grader errors: {ours}.** {words.OUR_FAULT}")
-    parts.append(inline(texts.first_step(result)))
+        parts.append(f"**Grader errors: {ours}.** {terminal.OUR_FAULT}")
+    parts.append(inline(short.first_step(result)))
     return "\n\n".join(parts)

@@ -20,9 +20,10 @@ from markupsafe import Markup, escape
 from PIL import Image
 
 from shadelab.grading.pictures import Pictures
-from shadelab.report import terminal as words
+from shadelab.report import terminal
 from shadelab.result import Check, Point, Result
 from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR, SceneTruth
+from shadelab.words import plain
 
 THUMBNAIL = 192
 PRINTED = 4096  # of what the code printed, in characters
@@ -73,8 +74,8 @@ def write_html(
         pictures = {c.id: pictures[c.id] for c in result.checks if c.id in pictures and not c.hidden}
     here = Path(__file__).parent
     ids = {check.id: _anchor(index, check) for index, check in enumerate(result.checks)}
-    step, first = words.first_step(result)
-    shown = [c for c in words.in_order(result, "failed", "error") if hidden_details or not c.hidden]
+    step, first = terminal.first_step(result)
+    shown = [c for c in terminal.in_order(result, "failed", "error") if hidden_details or not c.hidden]
     illustrated = _illustrated(result, pictures, ids)
     script = (here / "report.js").read_text(encoding="utf-8")
     environment = jinja2.Environment(
@@ -84,7 +85,7 @@ def write_html(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"plain": words.plain, "points": words.points, "number": words.number, "cut": _cut}
+    environment.filters |= {"plain": plain, "points": terminal.points, "number": terminal.number, "cut": _cut}
     page = environment.get_template("report.html.j2").render(
         title=title,
         result=result,
@@ -92,7 +93,7 @@ def write_html(
         script=Markup(script),
         # With its hash in the page's policy, nothing that a student wrote could ever run.
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        words=words,
+        words=terminal,
         anchors=ids,
         step=step,
         first=first,
@@ -127,7 +128,7 @@ def _anchor(index: int, check: Check) -> str:
 
 
 def _cut(text: str, length: int) -> str:
-    text = words.plain(text)
+    text = plain(text)
     return text if len(text) <= length else f"{text[:length]}\n… {len(text) - length} more characters"
 
 
@@ -148,12 +149,12 @@ def _bar(result: Result) -> list[dict[str, Any]]:
 
 def _backends(result: Result) -> list[dict[str, Any]]:
     out = []
-    for backend, name in words.BACKENDS.items():
-        checks = [c for c in words.in_order(result, *words.STATUS) if c.backend == backend]
+    for backend, name in terminal.BACKENDS.items():
+        checks = [c for c in terminal.in_order(result, *terminal.STATUS) if c.backend == backend]
         if checks:
-            groups = [(title, [c for c in checks if c.kind == kind]) for kind, title in words.KINDS.items()]
+            groups = [(title, [c for c in checks if c.kind == kind]) for kind, title in terminal.KINDS.items()]
             out.append({
-                "id": backend, "name": name, "file": words.FILES[backend], "groups": [g for g in groups if g[1]],
+                "id": backend, "name": name, "file": terminal.FILES[backend], "groups": [g for g in groups if g[1]],
                 "passed": [c for c in checks if c.status == "passed"],
                 "score": sum(c.score for c in checks), "max_score": sum(c.max_score for c in checks),
             })  # fmt: skip
@@ -167,13 +168,13 @@ def _named_values(inputs: dict[str, Any]) -> list[tuple[str, list[str]]]:
         if isinstance(value, dict):
             rows += _named_values({f"{name}.{key}": item for key, item in value.items()})
             continue
-        numbers = [words.number(v) for _, v in words.components(value, "")]
+        numbers = [terminal.number(v) for _, v in terminal.components(value, "")]
         rows += [(name if k == 0 else "", numbers[k : k + 4]) for k in range(0, len(numbers), 4)]
     return rows
 
 
 def _comparison(check: Check) -> list[dict[str, Any]]:
-    return [{"name": n, "expected": e, "actual": a, "wrong": w} for n, e, a, w in words.compared(check)]
+    return [{"name": n, "expected": e, "actual": a, "wrong": w} for n, e, a, w in terminal.compared(check)]
 
 
 # --- Pictures ---
@@ -268,8 +269,8 @@ def picture_uri(pixels: np.ndarray) -> Markup:
 def _illustrated(result: Result, pictures: dict[str, Pictures], anchors: dict[str, str]) -> Illustrated:
     """First the pictures that need no script, then in the order of the data flow what viewers show, while there is room."""
     out = Illustrated()
-    failed = [c for c in words.in_order(result, "failed", "error") if c.id in pictures]
-    passed = [c for c in words.in_order(result, "passed") if c.id in pictures and pictures[c.id].layers is not None]
+    failed = [c for c in terminal.in_order(result, "failed", "error") if c.id in pictures]
+    passed = [c for c in terminal.in_order(result, "passed") if c.id in pictures and pictures[c.id].layers is not None]
     scenes = _scenes([*failed, *passed], pictures)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         expected = dict(zip(
@@ -322,7 +323,7 @@ def _scenes(checks: list[Check], pictures: dict[str, Pictures]) -> dict[str, str
     seen: dict[str, list[tuple[np.ndarray, str]]] = {}
     for check in checks:
         total = pictures[check.id].expected
-        alike = seen.setdefault(words.label(check), [])
+        alike = seen.setdefault(terminal.label(check), [])
         key = next((key for other, key in alike if np.array_equal(other, total)), None)
         if key is None:
             key = f"scene-{len(set(keys.values()))}"
@@ -337,7 +338,7 @@ def _figure(anchor: str, which: str, name: str, uri: Markup, shape: tuple, alt: 
 
 def _figures(check: Check, pictures: Pictures, anchor: str, expected: Markup) -> list[Figure]:
     """Yours, expected, difference."""
-    what = f"{words.label(check)} in {words.BACKENDS[check.backend]}"
+    what = f"{terminal.label(check)} in {terminal.BACKENDS[check.backend]}"
     alt = f"The expected picture of {what}"
     shape = pictures.expected.shape
     if pictures.student is None:
@@ -394,8 +395,8 @@ def _worst_place(check: Check, judged: np.ndarray) -> tuple[int, int] | None:
 def _thumbnail(check: Check, pictures: Pictures, anchor: str) -> Figure:
     """What the student's code drew in an image check that passes."""
     small = thumbnail(pictures.student)
-    alt = f"Your picture of {words.label(check)} in {words.BACKENDS[check.backend]}; it passes"
-    return _figure(anchor, "thumbnail", words.label(check), picture_uri(small), small.shape, alt, "")
+    alt = f"Your picture of {terminal.label(check)} in {terminal.BACKENDS[check.backend]}; it passes"
+    return _figure(anchor, "thumbnail", terminal.label(check), picture_uri(small), small.shape, alt, "")
 
 
 # --- What the viewers show ---
@@ -566,11 +567,11 @@ class Plot:
 
 def _plots(result: Result) -> list[Plot]:
     scenes: dict[str, dict[str, list[Point]]] = {}
-    for check in words.in_order(result, *words.STATUS):
+    for check in terminal.in_order(result, *terminal.STATUS):
         for point in check.runs:
             own = point.series == "yours"
-            series = f"yours, {words.BACKENDS[check.backend]}" if own else words.plain(point.series)
-            points = scenes.setdefault(words.label(check), {}).setdefault(series, [])
+            series = f"yours, {terminal.BACKENDS[check.backend]}" if own else plain(point.series)
+            points = scenes.setdefault(terminal.label(check), {}).setdefault(series, [])
             if point not in points and point.seconds > 0 and math.isfinite(point.rmse):
                 points.append(point)
     return [_plot(name, series) for name, series in scenes.items() if any(series.values())]

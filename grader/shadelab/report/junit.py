@@ -7,17 +7,17 @@ and points.
 import re
 import xml.etree.ElementTree as ET
 
-from shadelab.report import short as texts
-from shadelab.report import terminal as words
+from shadelab.report import short, terminal
 from shadelab.result import Check, Result
+from shadelab.words import plain
 
 _illegal = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0, escaped or not
 
 
 def junit(result: Result) -> str:
     root = ET.Element("testsuites", name=_clean(result.assignment))
-    for backend, name in words.BACKENDS.items():
-        checks = [c for c in words.in_order(result, *words.STATUS) if c.backend == backend]
+    for backend, name in terminal.BACKENDS.items():
+        checks = [c for c in terminal.in_order(result, *terminal.STATUS) if c.backend == backend]
         if checks:
             _suite(root, f"{result.assignment}, {name}", [_case(check, result) for check in checks])
     if not result.complete:
@@ -43,15 +43,15 @@ def _suite(root: ET.Element, name: str, cases: list[ET.Element]) -> None:
 
 def _case(check: Check, result: Result) -> ET.Element:
     classname = f"{result.assignment}.{check.backend}.{check.kind}"
-    case = ET.Element("testcase", classname=_clean(classname), name=_clean(words.label(check)))
+    case = ET.Element("testcase", classname=_clean(classname), name=_clean(terminal.label(check)))
     case.set("time", f"{check.seconds:.3f}")
     if check.status != "passed":
         tag = {"failed": "failure", "error": "error", "skipped": "skipped"}[check.status]
         body, lines = ET.SubElement(case, tag, type=check.status), [] if check.hidden else _lines(check, result)
-        body.set("message", _clean(texts.line(lines[0] if lines else f"{words.STATUS[check.status]} (hidden)")))
+        body.set("message", _clean(short.line(lines[0] if lines else f"{terminal.STATUS[check.status]} (hidden)")))
         body.text = _clean("\n".join(lines))
-    printed = "" if check.hidden or not check.printed else "\n" + texts.cut(check.printed, texts.PRINTED)
-    ET.SubElement(case, "system-out").text = _clean(texts.score(check) + printed)
+    printed = "" if check.hidden or not check.printed else "\n" + short.cut(check.printed, short.PRINTED)
+    ET.SubElement(case, "system-out").text = _clean(short.score(check) + printed)
     return case
 
 
@@ -59,21 +59,21 @@ def _lines(check: Check, result: Result) -> list[str]:
     """What is wrong; the first line stands for the others. Never empty."""
     lines = []
     if check.status == "error":
-        lines.append(words.OUR_FAULT)
-    if check.status == "skipped" and (waiting := texts.waits_for(check, result)):
+        lines.append(terminal.OUR_FAULT)
+    if check.status == "skipped" and (waiting := short.waits_for(check, result)):
         lines.append("waits for " + ", ".join(waiting))
     if check.message:
-        lines.append(texts.cut(check.message, texts.MESSAGE))
+        lines.append(short.cut(check.message, short.MESSAGE))
     if check.mistake:
-        lines.append("This looks like a known mistake: " + texts.line(check.mistake.hint, texts.MESSAGE))
+        lines.append("This looks like a known mistake: " + short.line(check.mistake.hint, short.MESSAGE))
     if check.error:
-        lines.append(texts.error(check))
+        lines.append(short.error(check))
     if check.worst:
-        lines += texts.worst(check)
+        lines += short.worst(check)
         if check.worst.replay:
-            lines.append(texts.line(check.worst.replay, texts.COMMAND))
-    return lines or [words.STATUS[check.status]]
+            lines.append(short.line(check.worst.replay, short.COMMAND))
+    return lines or [terminal.STATUS[check.status]]
 
 
 def _clean(text: str) -> str:
-    return _illegal.sub("\ufffd", words.plain(text))
+    return _illegal.sub("\ufffd", plain(text))

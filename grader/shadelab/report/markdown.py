@@ -6,8 +6,7 @@ checks a summary has the name, the status and the points, and nothing else: it i
 
 import re
 
-from shadelab.report import short as texts
-from shadelab.report import terminal as words
+from shadelab.report import short, terminal
 from shadelab.result import Check, Result
 
 LIMIT = 1_000_000  # bytes. GitHub drops a step's summary beyond 1 MiB; the rest is for what else the step writes
@@ -16,19 +15,19 @@ CUT = "\n**This summary was cut here**, because GitHub drops what is longer than
 
 def summary(result: Result) -> str:
     """The whole result, to be appended to $GITHUB_STEP_SUMMARY."""
-    score, most = words.points(result.score), words.points(result.max_score)
+    score, most = terminal.points(result.score), terminal.points(result.max_score)
     # A block is never cut in two, so that no fence stays open.
     blocks = [f"# {inline(result.assignment)}: {score} of {most} points\n"]
     if not result.complete:
         blocks.append("\n**Grading was cut off before its end.** This is what was earned until then.\n")
     blocks += [f"\n{note}\n" for note in _notes(result)]
     blocks += _table(result)
-    shown = [c for c in words.in_order(result, "failed", "error") if not c.hidden]
+    shown = [c for c in terminal.in_order(result, "failed", "error") if not c.hidden]
     if shown:
         blocks.append("\n## What to mend, in this order\n")
     for check in shown:
-        cost = f", {texts.score(check)}" if check.max_score else ""
-        title = f"\n### {words.SYMBOLS[check.status]} {inline(texts.name(check))}: {words.STATUS[check.status]}{cost}\n"
+        cost = f", {short.score(check)}" if check.max_score else ""
+        title = f"\n### {terminal.SYMBOLS[check.status]} {inline(short.name(check))}: {terminal.STATUS[check.status]}{cost}\n"
         blocks.append(f"{title}\n{details(check, result)}\n")
     version = result.environment.get("version", "")
     blocks.append(f"\nGraded by Shadelab {inline(version)}, submission {code(result.submission)}\n")
@@ -39,22 +38,22 @@ def details(check: Check, result: Result) -> str:
     """All that is known of one check, its name and points apart."""
     parts = []
     if check.status == "error":
-        parts.append(f"**{words.OUR_FAULT}**")
-    if check.status == "skipped" and (waiting := texts.waits_for(check, result)):
+        parts.append(f"**{terminal.OUR_FAULT}**")
+    if check.status == "skipped" and (waiting := short.waits_for(check, result)):
         parts.append(f"Waits for {', '.join(map(code, waiting))}.")
     if check.mistake:
-        parts.append(f"**This looks like a known mistake:** {inline(check.mistake.hint, texts.MESSAGE)}")
+        parts.append(f"**This looks like a known mistake:** {inline(check.mistake.hint, short.MESSAGE)}")
     if check.message:
-        parts.append(fenced(texts.cut(check.message, texts.MESSAGE)))
+        parts.append(fenced(short.cut(check.message, short.MESSAGE)))
     if check.error:
-        parts.append(f"{inline(texts.error(check))}.")
+        parts.append(f"{inline(short.error(check))}.")
     if check.worst and check.status != "passed":
         where = "The worst pixel:" if check.kind == "image" else "The worst input:"
-        parts += [where, fenced("\n".join(texts.worst(check)))]
+        parts += [where, fenced("\n".join(short.worst(check)))]
         if check.worst.replay:
-            parts += ["See it again:", fenced(texts.line(check.worst.replay, texts.COMMAND))]
+            parts += ["See it again:", fenced(short.line(check.worst.replay, short.COMMAND))]
     if check.printed:
-        parts += ["Your code printed:", fenced(texts.cut(check.printed, texts.PRINTED))]
+        parts += ["Your code printed:", fenced(short.cut(check.printed, short.PRINTED))]
     return "\n\n".join(parts)
 
 
@@ -68,14 +67,14 @@ def fenced(text: str) -> str:
 
 def code(text: str) -> str:
     """In a line or a cell. The spaces keep a backtick at either end from joining the delimiter."""
-    text = texts.line(text).replace("|", "\\|")
+    text = short.line(text).replace("|", "\\|")
     run = _longest_run(text)
     return f"{'`' * (run + 1)} {text} {'`' * (run + 1)}" if run else f"`{text or ' '}`"
 
 
-def inline(text: str, length: int = 2 * texts.LINE) -> str:
+def inline(text: str, length: int = 2 * short.LINE) -> str:
     """In one line, with nothing in it that Markdown or HTML would act on."""
-    return re.sub(r"([\\`*_\[\]<>&|~$!#])", r"\\\1", texts.line(text, length))
+    return re.sub(r"([\\`*_\[\]<>&|~$!#])", r"\\\1", short.line(text, length))
 
 
 def _longest_run(text: str) -> int:
@@ -83,10 +82,10 @@ def _longest_run(text: str) -> int:
 
 
 def _notes(result: Result) -> list[str]:
-    notes = [inline(texts.first_step(result))]
+    notes = [inline(short.first_step(result))]
     ours = sum(c.status == "error" for c in result.checks)
     if ours:
-        notes.append(f"**Grader errors: {ours}.** {words.OUR_FAULT}")
+        notes.append(f"**Grader errors: {ours}.** {terminal.OUR_FAULT}")
     if any(c.hidden for c in result.checks):
         notes.append("Of hidden checks only the points are shown.")
     return notes
@@ -96,11 +95,11 @@ def _table(result: Result) -> list[str]:
     """By row, so that a long one can be cut: a thing that is checked, and how it went in each language."""
     if not result.checks:
         return []
-    backends = [b for b in words.BACKENDS if any(c.backend == b for c in result.checks)]
+    backends = [b for b in terminal.BACKENDS if any(c.backend == b for c in result.checks)]
     rows: dict[tuple[str, str], dict[str, Check]] = {}
-    for check in words.in_order(result, *words.STATUS):
-        rows.setdefault((check.kind, words.label(check)), {})[check.backend] = check
-    out = [f"\n| check | {' | '.join(words.BACKENDS[b] for b in backends)} |\n|---|{'---|' * len(backends)}\n"]
+    for check in terminal.in_order(result, *terminal.STATUS):
+        rows.setdefault((check.kind, terminal.label(check)), {})[check.backend] = check
+    out = [f"\n| check | {' | '.join(terminal.BACKENDS[b] for b in backends)} |\n|---|{'---|' * len(backends)}\n"]
     for (kind, label), checks in rows.items():
         name = code(label) if kind in ("build", "function") else f"{kind} {code(label)}"
         hidden = " (hidden)" if any(c.hidden for c in checks.values()) else ""
@@ -112,8 +111,12 @@ def _cell(check: Check | None) -> str:
     if check is None:
         return ""
     judged = check.max_score and check.status in ("passed", "failed")
-    text = f"{words.points(check.score)} / {words.points(check.max_score)}" if judged else words.STATUS[check.status]
-    return f"{words.SYMBOLS[check.status]} {text}"
+    text = (
+        f"{terminal.points(check.score)} / {terminal.points(check.max_score)}"
+        if judged
+        else terminal.STATUS[check.status]
+    )
+    return f"{terminal.SYMBOLS[check.status]} {text}"
 
 
 def _limited(blocks: list[str]) -> str:

@@ -1,56 +1,61 @@
 """A check in words for the reports that other programs show: harmless, and cut to a sane length."""
 
-from shadelab.report import terminal as words
+from shadelab.report import terminal
 from shadelab.result import Check, Result
+from shadelab.words import plain
 
 LINE, COMMAND, MESSAGE, PRINTED = 300, 2000, 4096, 4096  # in characters
 
 
 def cut(text: str, length: int) -> str:
     """Cut before it is made harmless: a program may have printed megabytes."""
-    kept = words.plain(text[:length]).strip("\n")
+    kept = plain(text[:length]).strip("\n")
     return kept if len(text) <= length else f"{kept}\n… {len(text) - length} more characters"
 
 
 def line(text: str, length: int = LINE) -> str:
     """In one line."""
-    flat = " ".join(words.plain(text[: 4 * length]).split())
+    flat = " ".join(plain(text[: 4 * length]).split())
     return flat if len(flat) <= length else flat[: length - 1].rstrip() + "…"
 
 
 def name(check: Check) -> str:
     """half_vector (C++), image teapot (GLSL), build (C++)."""
     kind = "" if check.kind in ("build", "function") else f"{check.kind} "
-    return f"{kind}{line(words.label(check))} ({words.BACKENDS[check.backend]})"
+    return f"{kind}{line(terminal.label(check))} ({terminal.BACKENDS[check.backend]})"
 
 
 def score(check: Check) -> str:
-    return f"{words.points(check.score)} of {words.points(check.max_score)} points" if check.max_score else "no points"
+    return (
+        f"{terminal.points(check.score)} of {terminal.points(check.max_score)} points"
+        if check.max_score
+        else "no points"
+    )
 
 
 def waits_for(check: Check, result: Result) -> list[str]:
     """As the terminal has it, but without the ids of hidden checks."""
-    hidden = {words.plain(c.id) for c in result.checks if c.hidden}
-    return [id for id in words.waits_for(check, result) if id not in hidden]
+    hidden = {plain(c.id) for c in result.checks if c.hidden}
+    return [id for id in terminal.waits_for(check, result) if id not in hidden]
 
 
 def error(check: Check) -> str:
     """The error, its limit, and the noise floor beside it."""
-    value, limit = words.number_short(check.error.value), words.number_short(check.error.limit)
+    value, limit = terminal.number_short(check.error.value), terminal.number_short(check.error.limit)
     floor = check.error.floor
-    beside = "" if floor is None else f" (rounding alone gives {words.number_short(floor)})"
+    beside = "" if floor is None else f" (rounding alone gives {terminal.number_short(floor)})"
     return f"Error ({line(check.error.name)}): {value}, limit {limit}{beside}"
 
 
 def worst(check: Check) -> list[str]:
     """The input or pixel that is farthest off, what was expected there, and what came."""
-    return [line(text, COMMAND) for text in words.worst_lines(check)]
+    return [line(text, COMMAND) for text in terminal.worst_lines(check)]
 
 
 def first_step(result: Result) -> str:
     """What to do first, as far as public checks tell it. Says nothing of hidden ones but that there are some."""
     public = [c.model_copy(update={"message": c.message[:MESSAGE]}) for c in result.checks if not c.hidden]
-    step, check = words.first_step(result.model_copy(update={"checks": public}))
+    step, check = terminal.first_step(result.model_copy(update={"checks": public}))
     if check is None and len(public) < len(result.checks):
         return "Nothing to mend in the checks whose details are shown."
     return line(step, 2 * LINE)

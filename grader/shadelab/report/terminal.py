@@ -1,7 +1,6 @@
 """The result in a terminal, and the words and numbers that the HTML report shares with it."""
 
 import re
-import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from rich.text import Text
 
 from shadelab.paths import shown
 from shadelab.result import Check, Result
-from shadelab.words import BACKENDS, FILES
+from shadelab.words import BACKENDS, FILES, plain
 
 # In the order in which data flows: what comes first is to be mended first.
 KINDS = {
@@ -30,22 +29,6 @@ _MESSAGE_LINES = 8
 
 
 # --- Words and numbers ---
-
-
-def plain(text: object) -> str:
-    """Text that a student controls, made harmless: what would steer a terminal or reorder the page becomes visible."""
-    return "".join(map(_visible, str(text).replace("\r\n", "\n")))
-
-
-def _visible(character: str) -> str:
-    if character in "\n\t":
-        return character
-    category = unicodedata.category(character)
-    if category == "Cc":
-        return chr(0x2400 + ord(character)) if ord(character) < 32 else "␡" if ord(character) == 127 else "\ufffd"
-    if category in ("Zl", "Zp"):
-        return "\n"
-    return "\ufffd" if category in ("Cf", "Cs") else character
 
 
 def number(value: Any) -> str:
