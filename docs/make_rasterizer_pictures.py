@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from shadelab.measure import visibility
 from shadelab.measure.bench import make_missing_meshes
 from shadelab.measure.visibility import Corners, Planes, Visible
+from shadelab.paths import SCENES
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 MESH = "knot-70k"
@@ -26,13 +27,27 @@ BINS = [(0, "0", "#ffffff"), (1, "1", "#d3e5f5"), (2, "2", "#fdd095"), (4, "3-4"
 COLOURS = ["#f7d9c4", "#b9d7ea", "#cfe8c0", "#f3e79b", "#d9c7e8", "#a8d5cf", "#f2b8b5", "#dcdcdc"]
 
 
+# Where triangles lie is all that is drawn: the material is there because a scene has one.
+SCENE = """
+film = {{ width = {size}, height = {size} }}
+camera = {{ eye = {eye}, target = [0, 0, 0], fov_y = 45, near = 0.1, far = 20 }}
+light = [{{ kind = "point", position = [1, 2, 3], intensity = [1, 1, 1] }}]
+material.grey = {{ model = "phong", ka = [0, 0, 0], kd = [0.5, 0.5, 0.5], ks = [0, 0, 0], q = 1 }}
+object = [{{ mesh = "{mesh}", material = "grey" }}]
+"""
+
+
+def mesh_file(name: str) -> Path:
+    return SCENES / "meshes" / f"{name}.obj"
+
+
 def view(mesh: str, size: int, eye: list[float]) -> tuple[Corners, Visible]:
     """The triangles of a mesh about the origin, and what the rasterizer sees of them with one sample a pixel."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        entry = visibility.scene_of(mesh, eye, [0, 0, 0], 0.1, 20, size, size)
-        scene = visibility.write_scene(entry, folder / "picture.toml")
-        corners = visibility.corners_of(scene, visibility.make_packet(scene, 1, folder))
+        scene = folder / "picture.toml"
+        scene.write_text(SCENE.format(mesh=mesh_file(mesh), eye=eye, size=size))
+        corners = visibility.corners_of(visibility.make_packet(scene, 1, folder))
         return corners, visibility.ours(scene, 1, folder)
 
 
@@ -42,14 +57,14 @@ def view(mesh: str, size: int, eye: list[float]) -> tuple[Corners, Visible]:
 def fragments(corners: Corners) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(triangle, x, y) of all pixels whose centres a triangle covers, y upwards; triangles in their order."""
     triangle = np.arange(1, len(corners.rounded))
-    at = visibility.on_grid(corners, triangle, reciprocal=True)
+    at = visibility.on_grid(corners, triangle)
     low, high = -(-at.min(axis=1) // 256), at.max(axis=1) // 256 + 1
     low, high = np.maximum(low, 0), np.minimum(high, [corners.width, corners.height])
     across, down = np.maximum(high - low, 0).T
     pairs = np.repeat(np.arange(len(triangle)), across * down)
     rank = np.arange(len(pairs)) - np.repeat(np.cumsum(across * down) - across * down, across * down)
     x, y = low[pairs, 0] + rank % across[pairs], low[pairs, 1] + rank // across[pairs]
-    kept = visibility.covers(corners, triangle[pairs], x + 0.5, y + 0.5, True)
+    kept = visibility.covers(corners, triangle[pairs], x + 0.5, y + 0.5)
     return triangle[pairs][kept], x[kept], y[kept]
 
 
@@ -147,7 +162,7 @@ def tile_picture(file: Path) -> None:
     x0, y0 = CORNER
     part = seen.triangle[0][::-1][y0 : y0 + PART, x0 : x0 + PART]  # rows upwards
     numbers = [int(t) for t in np.unique(part) if t]
-    at = dict(zip(numbers, visibility.on_grid(corners, np.array(numbers), reciprocal=False)))
+    at = dict(zip(numbers, visibility.on_grid(corners, np.array(numbers))))
     colour = colouring(numbers, at)
     followed = int(part[int(FOLLOWED[1] * PART), int(FOLLOWED[0] * PART)])
 

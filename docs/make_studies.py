@@ -11,7 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from shadelab.cli.commands import _assignment_of_scene, progress_bar
+from shadelab.cli.options import progress_bar
+from shadelab.course.assignment import assignment_of_scene
 from shadelab.study.declaration import study_names
 from shadelab.study.report import machine_sentence, noise_sentence, write_files
 from shadelab.study.run import run_study
@@ -48,7 +49,7 @@ def main() -> None:
     STUDIES.mkdir(exist_ok=True)
     for name in sys.argv[1:] or study_names():
         with progress_bar() as progress:
-            result, parts = run_study(name, None, lambda scene: _assignment_of_scene(scene, None), progress)
+            result, parts = run_study(name, None, lambda scene: assignment_of_scene(scene, None), progress)
         with tempfile.TemporaryDirectory() as folder:
             for file in write_files(result, parts, Path(folder)):
                 if file.suffix == ".png":
