@@ -70,13 +70,13 @@ class Course:
 
     def inputs(self, function: str) -> dict[str, np.ndarray]:
         declared = self.assignment.function(function)
-        return named_arrays(self.assignment.input_columns(declared), self.data.table(declared).rows)
+        return named_arrays(declared.inputs, self.data.table(declared).rows)
 
     def outputs(self, function: str) -> np.ndarray | dict[str, np.ndarray]:
         return self.named(function, self.data.table(self.assignment.function(function)).truth)
 
     def named(self, function: str, rows: np.ndarray) -> np.ndarray | dict[str, np.ndarray]:
-        named = named_arrays(self.assignment.output_columns(self.assignment.function(function)), rows)
+        named = named_arrays(self.assignment.function(function).outputs, rows)
         return named["result"] if "result" in named else {k.removeprefix("result."): v for k, v in named.items()}
 
     def image(self, scene: str, layer: str = "total") -> np.ndarray:

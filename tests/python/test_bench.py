@@ -11,12 +11,13 @@ import pytest
 import tomli_w
 
 from conftest import ROOT
+from shadelab.course.stability import Case
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.gl.client import Client, Packet
+from shadelab.gl.client import Client
+from shadelab.gl.packet import Packet
 from shadelab.machine.sandbox import work_folder
 from shadelab.measure import bench
-from shadelab.measure.bench import Case
 from shadelab.paths import RENDER
 from shadelab.truth.expected import CHANNELS
 

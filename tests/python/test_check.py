@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab.cli.commands import app
+from shadelab.cli.app import program
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
 from shadelab.errors import UserError
@@ -79,7 +79,7 @@ def check(monkeypatch):
         declare(monkeypatch, **declared)
         narrow = {"only": "*/function/mirror_direction"}
         monkeypatch.setattr(checking, "grade", lambda *a, **k: grade(*a, **{**k, **narrow}))
-        done = CliRunner().invoke(app, ["check", "phong"], env={"COLUMNS": "200"})
+        done = CliRunner().invoke(program(), ["check", "phong"], env={"COLUMNS": "200"})
         return done.exit_code, done.stdout
 
     return run

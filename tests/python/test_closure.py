@@ -5,7 +5,8 @@ import shutil
 import pytest
 
 from shadelab.errors import InfrastructureError
-from shadelab.truth.closure import PACKAGE, import_closure
+from shadelab.paths import PACKAGE
+from shadelab.truth.closure import import_closure
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from PIL import Image
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
-from shadelab.truth.making import digest
+from shadelab.truth.digest import digest
 
 PHONG = ROOT / "solution" / "phong"
 SPHERE = ROOT / "scenes" / "phong" / "sphere.toml"

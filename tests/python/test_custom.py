@@ -12,9 +12,9 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import load_assignment
 from shadelab.errors import UserError
-from shadelab.grading import customrun
+from shadelab.grading import session
 from shadelab.grading.grade import grade as run_grade
-from shadelab.grading.grade import plan_checks
+from shadelab.grading.planning import plan_checks
 
 LIGHTS = ROOT / "solution" / "lights"
 BOTH = ["cpp/custom/linearity", "glsl/custom/linearity"]
@@ -238,7 +238,7 @@ def test_goes_on():
 
 
 def test_a_check_that_hangs_is_ended(custom, monkeypatch):
-    monkeypatch.setattr(customrun, "LIMIT", 4.0)
+    monkeypatch.setattr(session, "LIMIT", 4.0)
     checks = custom("def test_hangs():\n    while True:\n        pass\n\n\ndef test_goes_on():\n    pass\n")
     assert checks["hangs"].status == "error" and "did not end within 4 s" in checks["hangs"].message
     assert checks["goes_on"].status == "passed"

@@ -8,9 +8,10 @@ from conftest import ROOT
 from shadelab.course.assignment import load_assignment
 from shadelab.course.mistakes import load_changes
 from shadelab.judge.diagnosis import MARGIN, Candidate, diagnose
-from shadelab.judge.findings import FunctionJudgement, function_limit, scaled_error
+from shadelab.judge.functions import FunctionJudgement
 from shadelab.result import Check
 from shadelab.truth.expected import Table
+from shadelab.truth.measures import function_limit, scaled_error
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
 ROWS = 1000

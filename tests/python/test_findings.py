@@ -7,8 +7,10 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import Scene, load_assignment
-from shadelab.judge.findings import EDGE_CAP, LEAST_FLOOR, function_limit, judge_function, judge_image
+from shadelab.judge.functions import judge_function
+from shadelab.judge.images import EDGE_CAP, judge_image
 from shadelab.truth.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth, Table
+from shadelab.truth.measures import LEAST_FLOOR, function_limit
 from shadelab.truth.tables import NEAREST_HORIZON, make_table, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -116,7 +118,7 @@ def test_a_scene_of_edges_is_an_error_and_no_pass():
 
 def judged(function, backend, change):
     rows = make_table(PHONG, function, 1)
-    truth = np.abs(renormalised(PHONG, function, rows)[:, :1])
+    truth = np.abs(renormalised(function, rows)[:, :1])
     table = Table(rows, truth, np.zeros_like(truth), len(rows))
     judgement = judge_function(PHONG, function, backend, 4.0, table, 0.0, change(truth.copy(), rows))
     return judgement.check, rows, truth
@@ -179,6 +181,6 @@ def test_tables():
 def test_truth_renormalises_directions():
     lobe = PHONG.function("phong_lobe")
     rows = make_table(PHONG, lobe, 1)
-    out = renormalised(PHONG, lobe, rows)
+    out = renormalised(lobe, rows)
     np.testing.assert_allclose(np.linalg.norm(out[:, 3:6], axis=1), 1, atol=4e-16)
     np.testing.assert_array_equal(out[:, 9], rows[:, 9])

@@ -6,9 +6,10 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import load_assignment, named_arrays
 from shadelab.course.mistakes import load_changes, with_bodies
+from shadelab.evidence.programs import Programs
+from shadelab.evidence.tasks import Evaluate, Output
 from shadelab.grading.grade import grade
-from shadelab.machine.sandbox import Sandbox
-from shadelab.truth.follow import Reference, followed_text
+from shadelab.truth.follow import FollowedSolution, followed_text
 from shadelab.truth.tables import make_table, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -110,13 +111,38 @@ def test_a_callee_that_is_not_finite_spoils_itself(graded):
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    text = (PHONG.directory / "shading.cpp").read_text()
-    return Reference(PHONG, text, Sandbox(tmp_path_factory.mktemp("reference") / "sandbox"))
+    return Reference(tmp_path_factory.mktemp("reference"))
+
+
+class Reference:
+    """The solution, answered: by its own program, or for the student's functions by what stands in for them."""
+
+    def __init__(self, folder):
+        self.solution = FollowedSolution(PHONG, (PHONG.directory / "shading.cpp").read_text())
+        self.programs = Programs(PHONG, folder)
+
+    def calls(self, function, rows):
+        return self.programs.answer_all(self.solution.calls(function, rows))
+
+    def with_recorded(self, function, rows, callees, evaluate):
+        asking, output = self.solution.with_recorded(function, rows, callees), None
+        while True:
+            try:
+                task = asking.send(output)
+            except StopIteration as end:
+                return end.value
+            if task.program == self.solution.program:
+                output = self.programs.answer(task)
+            else:
+                output = Output(array=evaluate(task.function, task.rows))
+
+    def alone(self, function, rows):
+        return self.programs.answer(Evaluate(function, rows, program=self.solution.program)).array
 
 
 def lobe_rows():
     lobe = PHONG.function("blinn_lobe")
-    return lobe, renormalised(PHONG, lobe, make_table(PHONG, lobe, 3, 1500))
+    return lobe, renormalised(lobe, make_table(PHONG, lobe, 3, 1500))
 
 
 def test_calls_are_found_with_their_arguments(reference):
@@ -158,9 +184,9 @@ def test_numbers_stand_in_for_a_function(reference):
 def test_a_function_is_not_answered_for_itself(reference):
     """Only calls among the functions are asked about: what is judged is computed."""
     half = PHONG.function("half_vector")
-    rows = renormalised(PHONG, half, make_table(PHONG, half, 3, 100))
+    rows = renormalised(half, make_table(PHONG, half, 3, 100))
     came = reference.with_recorded(half, rows, [half], lambda *_: pytest.fail("it was asked for"))
-    np.testing.assert_array_equal(came, reference.evaluate(half, rows, {})[0])
+    np.testing.assert_array_equal(came, reference.alone(half, rows))
 
 
 def test_definitions_keep_their_names():

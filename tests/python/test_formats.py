@@ -11,15 +11,16 @@ import pytest
 from markdown_it import MarkdownIt
 
 from shadelab.errors import UserError
-from shadelab.report import formats, markdown, texts
+from shadelab.report import formats, markdown, short
 from shadelab.report.annotations import MOST, annotations
 from shadelab.report.classroom50 import classroom50
 from shadelab.report.formats import FORMATS
 from shadelab.report.gradescope import results
 from shadelab.report.junit import junit
 from shadelab.report.markdown import LIMIT, summary
-from shadelab.report.terminal import OUR_FAULT, plain
+from shadelab.report.terminal import OUR_FAULT
 from shadelab.result import Check, Error, Mistake, Result, Worst
+from shadelab.words import plain
 
 HOSTILE = (
     "</testcase>]]></failure><script>alert(1)</script> \x00\x08\x1b[2J\x9b31m\ufffe\uffff\ud800 \u202e ![x](http://x) [y](z)\r\n"
@@ -439,7 +440,7 @@ def test_much_output_is_cut():
     result = huge()
     whole = validate_gradescope(results(result))
     for test in whole["tests"]:
-        assert f"… {len(result.checks[0].printed) - texts.PRINTED} more characters" in test["output"]
+        assert f"… {len(result.checks[0].printed) - short.PRINTED} more characters" in test["output"]
     assert len(junit(result)) < 200_000 and len(summary(result)) < 100_000
 
 

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab.cli.commands import app
+from shadelab.cli.app import program
 
 BUILDS = {"double": ["--double"], "float": [], "glsl": ["--backend", "glsl"]}
 PI = np.pi
@@ -40,7 +40,7 @@ def evaluate(build: str, assignment: str, function: str, **inputs: np.ndarray) -
         given, got = Path(folder) / "in.npz", Path(folder) / "out.npz"
         np.savez(given, **arrays)
         command = ["eval", ROOT / "solution" / assignment, function, "--inputs", given, "-o", got, *BUILDS[build]]
-        done = CliRunner().invoke(app, list(map(str, command)))
+        done = CliRunner().invoke(program(), list(map(str, command)))
         assert done.exit_code == 0, (function, done.exception, done.output)
         return {name.removeprefix("result."): array.astype(float) for name, array in np.load(got).items()}
 

@@ -17,7 +17,6 @@ from shadelab.course.mistakes import load_changes, write_submission
 from shadelab.machine.build import Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
-from shadelab.truth.expected import missing_meshes
 
 ASSIGNMENTS = {name: load_assignment(ROOT / "solution" / name) for name in assignment_names()}
 SIZE = ["--size", "96x96"]
@@ -55,7 +54,7 @@ def differing_scenes(assignment, folder, scenes, tmp_path, samples="1"):
 @pytest.mark.parametrize("samples", ["1", "4"])
 def test_cpp_gives_the_same_bits_with_and_without(name, samples, tmp_path):
     assignment = ASSIGNMENTS[name]
-    scenes = [scene.file for scene in assignment.scenes if not missing_meshes(scene)]
+    scenes = [scene.file for scene in assignment.scenes if not scene.missing_meshes()]
     assert len(scenes) >= 8
     assert differing_scenes(assignment, assignment.directory, scenes, tmp_path, samples) == []
 
@@ -73,7 +72,7 @@ def mistakes():
 def test_a_mistake_shows_the_same_with_and_without(name, mistake, tmp_path):
     assignment = ASSIGNMENTS[name]
     write_submission(assignment, mistake, tmp_path / "submission")
-    scenes = [scene.file for scene in assignment.scenes if not missing_meshes(scene)][:4]
+    scenes = [scene.file for scene in assignment.scenes if not scene.missing_meshes()][:4]
     assert differing_scenes(assignment, tmp_path / "submission", scenes, tmp_path) == []
 
 

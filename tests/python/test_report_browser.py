@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from test_reports import HOSTILE, check, drawn, truth_of
 
+from shadelab.grading.pictures import Pictures
 from shadelab.report import html
-from shadelab.report.html import Pictures, srgb, write_html
+from shadelab.report.html import srgb, write_html
 from shadelab.result import Error, Mistake, Point, Result, Worst
 from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR
 

@@ -17,11 +17,13 @@ from PIL import Image
 from rich.cells import cell_len
 from rich.console import Console
 
+from shadelab.grading.pictures import Pictures
 from shadelab.report import html, terminal
-from shadelab.report.html import Pictures, write_html
-from shadelab.report.terminal import plain, print_result
+from shadelab.report.html import write_html
+from shadelab.report.terminal import print_result
 from shadelab.result import Check, Error, Mistake, Point, Result, Worst
 from shadelab.truth.expected import EDGE, INTERIOR, SceneFacts, SceneTruth
+from shadelab.words import plain
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=y> {{ 7 * 7 }} [red]no[/red] \x1b[2J\x1b]0;title\x07 \x00 \x9b31m \u202egnp.exe"
 SIDE = 300

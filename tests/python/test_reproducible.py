@@ -15,8 +15,8 @@ from conftest import ROOT
 from shadelab.course.assignment import load_assignment
 from shadelab.errors import UserError
 from shadelab.machine import build
-from shadelab.machine.build import LEVELS, Recipe, build_plugin
-from shadelab.machine.processor import processor_level
+from shadelab.machine.build import Recipe, build_plugin
+from shadelab.machine.processor import LEVELS, processor_level
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
 from shadelab.truth.expected import CHANNELS

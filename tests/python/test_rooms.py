@@ -4,6 +4,7 @@ import ast
 from functools import cache
 
 import pytest
+
 from conftest import ROOT
 
 PACKAGE = ROOT / "grader" / "shadelab"

@@ -9,8 +9,11 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import regions, with_bodies
-from shadelab.grading.grade import grade, plan_checks, write_worst_inputs
-from shadelab.judge.findings import LITTLE, MISTAKE, NO_MARKS, credit, judge_function
+from shadelab.grading.grade import grade
+from shadelab.grading.planning import plan_checks
+from shadelab.grading.worst import write_worst_inputs
+from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
+from shadelab.judge.functions import judge_function
 from shadelab.report import formats
 from shadelab.report.html import write_html
 from shadelab.truth.expected import Table

@@ -9,12 +9,12 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
-from shadelab.judge.findings import function_members, scaled_error
 from shadelab.machine.build import Recipe
 from shadelab.machine.glue import glue_folder
 from shadelab.truth import exact
 from shadelab.truth.expected import Table
 from shadelab.truth.making import load
+from shadelab.truth.measures import function_members, scaled_error
 
 ROWS = 400  # of the table; 50 digits take their time
 

@@ -8,13 +8,14 @@ import pytest
 from typer.testing import CliRunner
 
 from conftest import ROOT
-from shadelab.cli.commands import app
+from shadelab.cli.app import program
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import slide_formulas, write_submission
 from shadelab.course.stability import Reciprocal, load_stability
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.grading.grade import grade, plan_checks
+from shadelab.grading.grade import grade
+from shadelab.grading.planning import plan_checks
 from shadelab.inspect import stability
 from shadelab.judge.stability import FLOORS, judge
 from shadelab.truth import extremes
@@ -118,9 +119,7 @@ def table(truth, rising=(), swapped=(), rows=None):
 
 def verdict(made, actual, driver=0.0, reciprocal=None):
     lobe = PHONG.function("blinn_lobe")
-    out = judge(
-        lobe.inputs, lobe.outputs, made, np.array(actual)[:, None], driver, reciprocal
-    )
+    out = judge(lobe.inputs, lobe.outputs, made, np.array(actual)[:, None], driver, reciprocal)
     return [(fault.row, fault.kind) for fault in out.faults]
 
 
@@ -192,7 +191,7 @@ def naive(tmp_path):
 def test_the_command_shows_hints_and_replays_the_first_failing_input(naive, tmp_path):
     file = tmp_path / "s.json"
     command = ["stability", str(naive), "--out", str(tmp_path / "out"), "--json", str(file)]
-    done = CliRunner().invoke(app, command, env={"COLUMNS": "200"})
+    done = CliRunner().invoke(program(), command, env={"COLUMNS": "200"})
     assert done.exit_code == 0, done.output  # a result, and no error
     assert "log1p(-x)" in done.stdout and "not phong_lobe, blinn_lobe" in done.stdout
     assert "calls phong_lobe: begin there" in done.stdout  # what only calls them is told in a line
@@ -205,14 +204,14 @@ def test_the_command_shows_hints_and_replays_the_first_failing_input(naive, tmp_
     replay = first["replay"].split()
     assert replay[:2] == ["./shadelab", "eval"]
     output = tmp_path / "o.npz"
-    again = CliRunner().invoke(app, [*replay[1:], "-o", str(output)])
+    again = CliRunner().invoke(program(), [*replay[1:], "-o", str(output)])
     assert again.exit_code == 0, again.output
     assert np.load(output)["result"].ravel() == pytest.approx(first["actual"], rel=1e-6)
 
 
 def test_what_does_not_compile_is_the_students_line(naive):
     (naive / "shading.cpp").write_text("#include <shadelab/shading.hpp>\nvec3 nonsense;;\nReal x = y;\n")
-    done = CliRunner().invoke(app, ["stability", str(naive)])
+    done = CliRunner().invoke(program(), ["stability", str(naive)])
     assert done.exit_code == 2 or isinstance(done.exception, UserError)
 
 

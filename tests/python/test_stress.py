@@ -16,12 +16,12 @@ from shadelab.course.assignment import Scene, load_assignment
 from shadelab.evidence.glsl import GlslRunner
 from shadelab.evidence.tasks import Draw
 from shadelab.gl.packet import Packet
-from shadelab.judge.findings import FULL_MARKS, image_limit, violating_share
 from shadelab.machine.build import Plugin, Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
 from shadelab.truth.expected import CHANNELS, INTERIOR, SceneTruth, largest_nearby
-from shadelab.truth.making import SHIFTS
+from shadelab.truth.measures import FULL_MARKS, image_limit, violating_share
+from shadelab.truth.scenes import SHIFTS
 
 FOLDER = ROOT / "scenes" / "stress"
 TOTAL = CHANNELS["total"]

@@ -12,16 +12,17 @@ from rich.console import Console
 from conftest import ROOT
 from shadelab.course.assignment import Scene, load_assignment
 from shadelab.errors import UserError
+from shadelab.measure.timing import interleaved
 from shadelab.study import declaration, plot
 from shadelab.study.backends import SERIES, measure_backends
 from shadelab.study.declaration import Backends, Interpolation, Sampling, Study, load_study, studied, study_names
 from shadelab.study.images import ONE_FRAME, converged, small_size
 from shadelab.study.interpolation import measure_interpolation
-from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, front, interleaved, timing_noise
+from shadelab.study.points import Guide, Part, Point, Slope, fit_slope, front, timing_noise
 from shadelab.study.report import print_study, write_files
 from shadelab.study.run import as_json
 from shadelab.study.sampling import measure_sampling, random_shifts, stratified_shifts
-from shadelab.study.timing import Drawn, Workbench
+from shadelab.study.timing import DrawnFrames, Workbench
 
 PHONG = ROOT / "solution" / "phong"
 SMALL_SCENE = ROOT / "scenes" / "phong" / "sphere.toml"
@@ -139,7 +140,7 @@ class Remembering:
         for x, y in shifts:
             self.samples += [(x + a, y + b) for a in centres for b in centres]
             values += [x + a + (y + b) ** 2 for a in centres for b in centres]
-        return Drawn(0.0, np.full((1, 1, 3), np.mean(values)))
+        return DrawnFrames(0.0, np.full((1, 1, 3), np.mean(values)))
 
 
 def test_reference_is_a_regular_grid_and_knows_its_error():

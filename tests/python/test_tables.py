@@ -8,7 +8,8 @@ from shadelab.course.assignment import Function, assignment_names, load_assignme
 from shadelab.course.hidden import Family, Hidden, Variation, hidden_scene_files
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
-from shadelab.truth.making import FRAGMENTS, load
+from shadelab.truth.function_tables import FRAGMENTS
+from shadelab.truth.making import load
 from shadelab.truth.tables import ROWS, jittered, make_table, on_gate, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -53,8 +54,8 @@ def test_a_gate_that_names_no_column_is_one_clear_line(tmp_path):
 
 def test_rounding_leaves_the_horizon_alone():
     lobe = PHONG.function("phong_lobe")
-    exact = renormalised(PHONG, lobe, make_table(PHONG, lobe, 1))
-    for near in jittered(PHONG, lobe, exact):
+    exact = renormalised(lobe, make_table(PHONG, lobe, 1))
+    for near in jittered(lobe, exact):
         assert not np.array_equal(near, exact)
         assert np.allclose(near, exact, rtol=2.0**-23, atol=0)
         assert (np.sum(near[-216:, 0:3] * near[-216:, 3:6], axis=1)[np.sum(exact[-216:, 0:3] * exact[-216:, 3:6], axis=1) == 0] == 0).all()  # fmt: skip

@@ -12,7 +12,12 @@ from shadelab.course.mistakes import load_changes
 from shadelab.evidence.glsl import GlslRunner
 from shadelab.evidence.tasks import Draw, Evaluate
 from shadelab.grading.grade import grade
-from shadelab.judge.findings import (
+from shadelab.machine.build import Recipe, build_plugin
+from shadelab.machine.sandbox import Sandbox
+from shadelab.paths import RENDER
+from shadelab.truth.expected import INTERIOR, Table
+from shadelab.truth.making import load
+from shadelab.truth.measures import (
     FACTOR,
     FULL_MARKS,
     LEAST_FLOOR,
@@ -21,11 +26,7 @@ from shadelab.judge.findings import (
     scaled_error,
     violating_share,
 )
-from shadelab.machine.build import Recipe, build_plugin
-from shadelab.machine.sandbox import Sandbox
-from shadelab.paths import RENDER
-from shadelab.truth.expected import INTERIOR, Table, missing_meshes
-from shadelab.truth.making import PLAIN, load
+from shadelab.truth.workshop import PLAIN
 
 ASSIGNMENTS = [load_assignment(ROOT / "solution" / name) for name in assignment_names()]
 LIGHTS, PHONG = (next(a for a in ASSIGNMENTS if a.name == name) for name in ("lights", "phong"))
@@ -61,7 +62,7 @@ def test_every_picture_is_measured_with_the_same_programs(assignment):
     expected, [*functions] = load(assignment), spreads(assignment)
     programs = {program for _, _, measured in functions for program in measured}
     for scene in assignment.scenes:
-        if not missing_meshes(scene):
+        if not scene.missing_meshes():
             truth = expected.scene(scene)
             assert set(truth.facts.spread) == programs, scene.name
             # By limits that the others set, none loses a pixel more than the share that is anybody's.
@@ -106,7 +107,7 @@ def test_the_least_floor_in_cpp_is_what_five_digits_of_pi_are_off():
 def test_pictures_leave_a_factor_of_three_to_the_solution_in_glsl(assignment, tmp_path):
     """And with no share of pixels to spare: the allowed share is for what other machines round differently."""
     expected = load(assignment)
-    scenes = [s for s in assignment.scenes if not missing_meshes(s)]
+    scenes = [s for s in assignment.scenes if not s.missing_meshes()]
     runner = GlslRunner(assignment, Sandbox(tmp_path / "glsl"))
     runner.build(assignment.directory)
     tasks = [Draw(scene, expected.packet(scene, assignment)) for scene in scenes]

@@ -264,7 +264,7 @@ def evaluate(
         arrays = {name: np.asarray(array, float) for name, array in arrays.items()}
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
         raise UserError(f"{shown(inputs)}: cannot be read as .npz; write it with numpy.savez") from None
-    columns = declared.input_columns(wanted)
+    columns = wanted.inputs
     rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
     with work_folder("eval") as work:
         sandbox = Sandbox(work, SHOWN)
@@ -276,7 +276,7 @@ def evaluate(
         print(result.printed, end="" if result.printed.endswith("\n") else "\n")
     if result.array is None:
         raise UserError(f"{function} {result.failure}")
-    results = named_arrays(declared.output_columns(wanted), result.array)
+    results = named_arrays(wanted.outputs, result.array)
     if output:
         np.savez(output, **results)
     for row in range(min(len(rows), 10)):
