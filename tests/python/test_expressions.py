@@ -129,7 +129,7 @@ def glsl() -> np.ndarray:
     # Uniforms, because the compiler would fold constants with arithmetic of its own. No `switch`: Mesa 22.3 loses the
     # `break` behind a call of a function with a loop, and falls through.
     fragment = f"""#version 330
-{(INCLUDE / "shadelab" / "shading.glsl").read_text(encoding="utf-8")}
+{(ROOT / "framework" / "glsl" / "prelude.glsl").read_text(encoding="utf-8")}
 uniform vec3 a[{len(INPUTS)}];
 uniform vec3 b[{len(INPUTS)}];
 uniform vec2 xy[{len(INPUTS)}];

@@ -13,18 +13,21 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.hidden import draw_hidden_scenes
 from shadelab.course.mistakes import load_changes, write_submission
+from shadelab.machine import renderer
 from shadelab.machine.build import Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
 
 ASSIGNMENTS = {name: load_assignment(ROOT / "solution" / name) for name in assignment_names()}
+for name, assignment in ASSIGNMENTS.items():
+    draw_hidden_scenes(assignment.hidden, assignment.directory, name)
 SIZE = ["--size", "96x96"]
 
 
-def needs(scene, assignment, *options):
-    command = [RENDER, "needs", scene, "--assignment", assignment.directory, *options]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+def needs(scene, assignment, full=False):
+    return renderer.describe(scene, assignment.directory, renderer.View(full=full)).needs
 
 
 def draw(scene, assignment, plugin, output, *options):
@@ -36,11 +39,11 @@ def draw(scene, assignment, plugin, output, *options):
 def differing_scenes(assignment, folder, scenes, tmp_path, samples="1"):
     """Scenes whose image with --full is not the lean one, bit for bit. The lean plugin holds what the scenes need alone."""
     sandbox = Sandbox(tmp_path / "build")
-    loops = sorted({loop for scene in scenes for loop in needs(scene, assignment)["loops"]})
+    loops = sorted({loop for scene in scenes for loop in needs(scene, assignment).loops})
     lean = build_plugin(
-        assignment, folder / "shading.cpp", sandbox, Recipe(functions=False, loops=tuple(loops), terms=False)
+        assignment.glue, folder / "shading.cpp", sandbox, Recipe(functions=False, loops=tuple(loops), terms=False)
     )
-    full = build_plugin(assignment, folder / "shading.cpp", sandbox)
+    full = build_plugin(assignment.glue, folder / "shading.cpp", sandbox)
     options = ["--samples", samples]
     return [
         scene.stem
@@ -91,15 +94,15 @@ def test_glsl_agrees_with_and_without(scene, shadelab, tmp_path):
 
 def test_only_the_loops_that_a_scene_needs_are_compiled():
     phong = ASSIGNMENTS["phong"]
-    assert needs(ROOT / "scenes/phong/sphere.toml", phong)["loops"] == ["phong_point"]
-    everything = needs(ROOT / "scenes/phong/sphere.toml", phong, "--full")
-    assert everything["terms"] and {"phong_spot", "blinn_phong_directional"} <= set(everything["loops"])
+    assert needs(ROOT / "scenes/phong/sphere.toml", phong).loops == ["phong_point"]
+    everything = needs(ROOT / "scenes/phong/sphere.toml", phong, full=True)
+    assert everything.terms and {"phong_spot", "blinn_phong_directional"} <= set(everything.loops)
 
 
 def test_a_plugin_without_the_loop_is_refused(tmp_path):
     phong = ASSIGNMENTS["phong"]
     plugin = build_plugin(
-        phong, phong.directory / "shading.cpp", Sandbox(tmp_path / "b"), Recipe(loops=("phong_spot",))
+        phong.glue, phong.directory / "shading.cpp", Sandbox(tmp_path / "b"), Recipe(loops=("phong_spot",))
     )
     command = [RENDER, "image", ROOT / "scenes/phong/sphere.toml", "--assignment", phong.directory]
     done = subprocess.run([*command, "--plugin", plugin.file], capture_output=True, text=True)
