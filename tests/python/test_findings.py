@@ -14,7 +14,7 @@ from shadelab.truth.measures import LEAST_FLOOR, function_limit
 from shadelab.truth.tables import NEAREST_HORIZON, make_table, renormalised
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
-SCENE = Scene("made-up", Path("made-up.toml"), 10)
+SCENE = Scene("made-up", Path("made-up.toml"), ROOT, 10)
 
 
 def made_up(size=64, radius=24):
@@ -36,7 +36,7 @@ def image_of(truth):
 
 
 def judge(truth, layers):
-    return judge_image(SCENE, "cpp", 10.0, truth, layers).check
+    return judge_image(SCENE, "cpp", 10.0, truth, layers)
 
 
 def test_mask_rings_the_disc():
@@ -120,7 +120,7 @@ def judged(function, backend, change):
     rows = make_table(PHONG, function, 1)
     truth = np.abs(renormalised(function, rows)[:, :1])
     table = Table(rows, truth, np.zeros_like(truth), len(rows))
-    judgement = judge_function(PHONG, function, backend, 4.0, table, 0.0, change(truth.copy(), rows))
+    judgement = judge_function(function, backend, 4.0, table, 0.0, change(truth.copy(), rows))
     return judgement.check, rows, truth
 
 

@@ -84,8 +84,22 @@ def truth_of(total: np.ndarray, mask: np.ndarray | None = None, **layers: np.nda
         "position": np.stack([x / width, -y / height, 0 * x], axis=2),
     }
     lights = [
-        {"kind": 0, "position": [0.5, 0.5, 2.0], "direction": [0.0, -1.0, 0.0], "intensity": [1.0, 1.0, 1.0]},
-        {"kind": 1, "position": [0.0, 0.0, 0.0], "direction": [0.6, 0.0, -0.8], "intensity": [1.0, 1.0, 1.0]},
+        {
+            "kind": 0,
+            "name": "point",
+            "placed": True,
+            "position": [0.5, 0.5, 2.0],
+            "direction": [0.0, -1.0, 0.0],
+            "intensity": [1.0, 1.0, 1.0],
+        },
+        {
+            "kind": 1,
+            "name": "directional",
+            "placed": False,
+            "position": [0.0, 0.0, 0.0],
+            "direction": [0.6, 0.0, -0.8],
+            "intensity": [1.0, 1.0, 1.0],
+        },
     ]
     facts = SceneFacts(eye=[0.0, 0.0, 3.0], scale=1.0, lights=lights)
     mask = np.full((height, width), INTERIOR, np.uint8) if mask is None else mask
@@ -97,11 +111,20 @@ def drawn(total: np.ndarray) -> np.ndarray:
     return np.concatenate([total, total, np.zeros((*total.shape[:2], 7), np.float32)], axis=2)
 
 
+def kept(folder: Path, layers: np.ndarray | None, truth: SceneTruth) -> Pictures:
+    """As a grade leaves them in out/evidence."""
+    name = f"picture-{len(list(folder.iterdir()))}"
+    pictures = Pictures(folder / f"{name}.npy", folder / f"{name}.npz")
+    if layers is not None:
+        np.save(pictures.drawn, layers)
+    truth.save(pictures.truth_file)
+    return pictures
+
+
 @pytest.fixture
-def pictures() -> dict[str, Pictures]:
+def pictures(tmp_path: Path) -> dict[str, Pictures]:
     rng = np.random.default_rng(1)
     expected = rng.random((SIDE, SIDE, 3), np.float32)
-    limit = np.full_like(expected, 0.01)
     mask = np.full((SIDE, SIDE), INTERIOR, np.uint8)
     mask[:, 200:210] = EDGE
     student = expected.copy()
@@ -110,9 +133,9 @@ def pictures() -> dict[str, Pictures]:
     student[5, 6, 1] = np.inf
     ramp = np.repeat(np.linspace(0, 1, SIDE, dtype=np.float32), SIDE * 3).reshape(SIDE, SIDE, 3)
     return {
-        "cpp/image/teapot": Pictures(drawn(student), truth_of(expected, mask), limit),
-        "cpp/image/knot": Pictures(drawn(ramp), truth_of(expected), limit),
-        "cpp/image/crash": Pictures(None, truth_of(expected), limit),
+        "cpp/image/teapot": kept(tmp_path, drawn(student), truth_of(expected, mask)),
+        "cpp/image/knot": kept(tmp_path, drawn(ramp), truth_of(expected)),
+        "cpp/image/crash": kept(tmp_path, None, truth_of(expected)),
     }
 
 
@@ -359,7 +382,7 @@ def test_steps_of_the_tolerance() -> None:
     np.testing.assert_allclose(2.0 ** ((steps[2:-1].astype(float) - 33) / 16), ratio[2:-1], rtol=0.022)
 
 
-def failing(count: int, side: int, noise: float) -> tuple[Result, dict[str, Pictures]]:
+def failing(folder: Path, count: int, side: int, noise: float) -> tuple[Result, dict[str, Pictures]]:
     """Checks in both languages of scenes with as much noise in them."""
     rng = np.random.default_rng(5)
     out, pictures = Result(assignment="phong", submission="", max_score=2 * count, complete=True), {}
@@ -369,12 +392,12 @@ def failing(count: int, side: int, noise: float) -> tuple[Result, dict[str, Pict
         for backend in ("cpp", "glsl"):
             out.add(check(f"{backend}/image/s{k}", "failed", 0, 1))
             own = rng.random((side, side, 13), np.float32) if noise else drawn(expected * np.float32(1.5))
-            pictures[out.checks[-1].id] = Pictures(own, truth_of(expected), np.full_like(expected, 1e-3))
+            pictures[out.checks[-1].id] = kept(folder, own, truth_of(expected))
     return out, pictures
 
 
 def test_a_scene_stands_once(tmp_path: Path) -> None:
-    write_html(*failing(2, 64, 0), tmp_path / "report.html", "Two scenes")
+    write_html(*failing(tmp_path, 2, 64, 0), tmp_path / "report.html", "Two scenes")
     ids = [s["id"] for s in Page((tmp_path / "report.html").read_text(encoding="utf-8")).all("script") if "id" in s]
     assert sorted(ids) == [
         "data-check-0-cpp-image-s0", "data-check-1-glsl-image-s0", "data-check-2-cpp-image-s1", "data-check-3-glsl-image-s1",
@@ -386,7 +409,7 @@ def test_the_page_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """The values of the first, then 8 bits with a note; all within the room."""
     monkeypatch.setattr(html, "PAGE", html.WORDS + 2_600_000)
     monkeypatch.setattr(html, "TOTAL", 0)
-    result, pictures = failing(4, 128, 1.0)
+    result, pictures = failing(tmp_path, 4, 128, 1.0)
     write_html(result, pictures, tmp_path / "report.html", "Noise")
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert (tmp_path / "report.html").stat().st_size < html.PAGE

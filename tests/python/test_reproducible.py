@@ -70,7 +70,7 @@ class Renderer:
                 declared = load_assignment(ROOT / "solution" / assignment)
                 source = declared.directory / "shading.cpp"
                 sandbox = Sandbox(self.folder / f"{assignment}-{level}-{double}")
-                self.plugins[key] = build_plugin(declared, source, sandbox, Recipe(double)).file
+                self.plugins[key] = build_plugin(declared.glue, source, sandbox, Recipe(double)).file
             processor_level.cache_clear()
         return self.plugins[key]
 

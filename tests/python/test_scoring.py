@@ -43,7 +43,7 @@ def test_points_of_a_function(wrong, share):
     actual = truth.astype(np.float32)
     actual[:wrong] *= 2
     table = Table(rows, truth, np.zeros_like(truth), len(rows))
-    check = judge_function(PHONG, PHONG.function("half_vector"), "cpp", 4.0, table, 0.0, actual).check
+    check = judge_function(PHONG.function("half_vector"), "cpp", 4.0, table, 0.0, actual).check
     assert check.score == pytest.approx(4 * share, abs=0.03) and check.max_score == 4
     assert (check.status == "passed") == (wrong == 0) == (check.score == check.max_score)
 

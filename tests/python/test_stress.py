@@ -17,6 +17,7 @@ from shadelab.evidence.glsl import GlslRunner
 from shadelab.evidence.tasks import Draw
 from shadelab.gl.packet import Packet
 from shadelab.machine.build import Plugin, Recipe, build_plugin
+from shadelab.machine.renderer import describe
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import RENDER
 from shadelab.truth.expected import CHANNELS, INTERIOR, SceneTruth, largest_nearby
@@ -68,8 +69,12 @@ class Studio:
     def __init__(self, name: str, folder: Path) -> None:
         self.folder, self.assignment = folder, load_assignment(ROOT / "solution" / name)
         self.options = ["--assignment", self.assignment.directory]
-        self.scenes = [Scene(s, FOLDER / f"{s}.toml", 0) for s, stiff in STIFF.items() if stiff.assignment == name]
-        needed = [json.loads(render("needs", s.file, *self.options))["loops"] for s in self.scenes]
+        self.scenes = [
+            Scene(s, FOLDER / f"{s}.toml", self.assignment.directory)
+            for s, stiff in STIFF.items()
+            if stiff.assignment == name
+        ]
+        needed = [s.described.needs.loops for s in self.scenes]
         self.loops = tuple(sorted({loop for loops in needed for loop in loops}))
         with ThreadPoolExecutor(2) as pool:
             self.plugins = dict(zip((False, True), pool.map(self.build, (False, True))))
@@ -77,7 +82,7 @@ class Studio:
     def build(self, double: bool) -> Plugin:
         recipe = Recipe(double, functions=False, loops=self.loops)
         file = self.assignment.directory / "shading.cpp"
-        return build_plugin(self.assignment, file, Sandbox(self.folder / f"build-{double}"), recipe)
+        return build_plugin(self.assignment.glue, file, Sandbox(self.folder / f"build-{double}"), recipe)
 
     def packet(self, scene: Path) -> Path:
         file = self.folder / f"{scene.stem}.packet"
@@ -135,14 +140,14 @@ def double_image(studio: Studio, scene: Path, shift: tuple[float, float] = (0, 0
 
 
 def truth_of(studio: Studio, scene: Path, image: np.ndarray) -> tuple[SceneTruth, np.ndarray]:
-    """The double reference with the noise that reference.py measures, and which pixels can be judged: those of the interior where
+    """The double reference with the noise that truth/scenes.py measures, and which pixels can be judged: those of the interior where
     double is finite. Float32 rounds positions and directions; how far that moves a stiff pixel is part of the noise, since a shift by
     1/16 pixel moves them farther."""
     judged = finite(image)
     image = image.copy()
     image[..., TOTAL][~judged] = 0
-    header = Packet(studio.packet(scene)).header
-    truth = SceneTruth.of(image, np.array(header["scene"]["eye"]), header["scene"]["fov_y"] / header["height"])
+    told = describe(scene, studio.assignment.directory)
+    truth = SceneTruth.of(image, told.eye, told.fov_y / told.height)
     noise = np.zeros(judged.shape)
     with np.errstate(invalid="ignore"):
         for shift in SHIFTS if scene.stem != "many-lights" else ():  # which is smooth, and takes double seconds
@@ -239,7 +244,7 @@ def mixed(folder: Path, spots: str) -> Scene:
     """Kinds in another order than that of the texture, shaded at vertices and at fragments."""
     file = folder / f"mixed-{spots[:4]}.toml"
     file.write_text(MIXED.replace("SPOTS", spots).replace("MESHES", str(ROOT / "scenes" / "meshes")))
-    return Scene(file.stem, file, 0)
+    return Scene(file.stem, file, ROOT / "solution" / "phong")
 
 
 def test_lights_one_by_one_and_from_a_texture(studios, tmp_path):
@@ -247,8 +252,8 @@ def test_lights_one_by_one_and_from_a_texture(studios, tmp_path):
     glsl = studio.glsl(scenes)
     for scene, many in zip(scenes, (16, 17)):
         header = Packet(studio.packet(scene.file)).header
-        assert len(header["scene"]["lights"]) == many
-        assert ("light_texels" in header) == (many == 17)
+        assert len(scene.described.lights) == many
+        assert bool(header["textures"]) == (many == 17)
         cpp = studio.cpp(scene.file)[0][..., TOTAL]
         assert cpp.max() > 0.2
         assert np.percentile(np.abs(cpp - glsl[scene.name]), 99) < 1e-4
@@ -257,9 +262,9 @@ def test_lights_one_by_one_and_from_a_texture(studios, tmp_path):
 def test_a_grid_is_one_line_of_what_the_scene_needs(studios, tmp_path):
     scene = mixed(tmp_path, "5").file
     scene.write_text(scene.read_text().replace("intensity = [0.02, 0.08, 0.02]", "intensity = [0, 0, 0]"))
-    needs = json.loads(render("needs", scene, *studios["phong"].options))
-    assert "light[0] (spot, a grid of 5): it shines" in needs["needed"]
-    assert "light[2] (point, a grid of 12): its intensity is zero" in needs["left_out"]
+    needs = describe(scene, studios["phong"].assignment.directory, explain=True).needs
+    assert "light[0] (spot, a grid of 5): it shines" in needs.needed
+    assert "light[2] (point, a grid of 12): its intensity is zero" in needs.left_out
 
 
 def test_more_lights_than_a_driver_takes_are_refused(studios, tmp_path):

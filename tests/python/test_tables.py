@@ -1,11 +1,15 @@
 """What functions and hidden scenes are judged on: rows near where things change, exact rows on the gates, drawn scenes."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
+import tomli_w
 
 from conftest import ROOT
-from shadelab.course.assignment import Function, assignment_names, load_assignment, named_arrays
-from shadelab.course.hidden import Family, Hidden, Variation, hidden_scene_files
+from shadelab.course.assignment import assignment_names, load_assignment, named_arrays
+from shadelab.course.hidden import Family, Hidden, Variation, draw_hidden_scenes, hidden_scene_files
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
 from shadelab.truth.function_tables import FRAGMENTS
@@ -17,8 +21,14 @@ REAL = {"range": [0.0, 1.0], "typical": [0.1, 0.9]}
 
 
 def table_of(**declared):
-    function = Function(name="made_up", returns="Real", **declared)
-    rows = make_table(PHONG, function, 1)
+    """A function that is declared as those of an assignment are."""
+    with tempfile.TemporaryDirectory() as folder:
+        function = {"name": "made_up", "summary": "made up", "returns": "Real", **declared}
+        manifest = {"name": "made-up", "title": "Made up", "files": ["shading.cpp"], "function": [function]}
+        (Path(folder) / "assignment.toml").write_text(tomli_w.dumps(manifest))
+        assignment = load_assignment(Path(folder))
+    function = assignment.function("made_up")
+    rows = make_table(assignment, function, 1)
     return function, rows, named_arrays(function.inputs, rows)
 
 
@@ -48,7 +58,7 @@ def test_a_gate_that_names_no_column_is_one_clear_line(tmp_path):
     (tmp_path / "lights").symlink_to(PHONG.directory.parent / "lights")
     changed = text.replace('name = "half_vector"', 'name = "half_vector"\ngates = [{ m = 1 }]')
     (tmp_path / "phong" / "assignment.toml").write_text(changed)
-    with pytest.raises(UserError, match="half_vector.gates: m is no column; there is l, v"):
+    with pytest.raises(UserError, match=r"assignment.toml:\d+: function\[\d\].gates: m is no column; there is l, v"):
         load_assignment(tmp_path / "phong")
 
 
@@ -98,9 +108,9 @@ def family(**changes):
 
 
 def drawn(seed, *families):
-    return [
-        read_toml(file) for file, _ in hidden_scene_files(Hidden(seed=seed, family=families), PHONG.directory, "phong")
-    ]
+    declared = Hidden(seed=seed, family=families)
+    draw_hidden_scenes(declared, PHONG.directory, "phong")
+    return [read_toml(file) for file, *_ in hidden_scene_files(declared, PHONG.directory, "phong")]
 
 
 def test_hidden_scenes_differ_from_their_base_only_where_declared():

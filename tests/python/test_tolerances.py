@@ -110,7 +110,7 @@ def test_pictures_leave_a_factor_of_three_to_the_solution_in_glsl(assignment, tm
     scenes = [s for s in assignment.scenes if not s.missing_meshes()]
     runner = GlslRunner(assignment, Sandbox(tmp_path / "glsl"))
     runner.build(assignment.directory)
-    tasks = [Draw(scene, expected.packet(scene, assignment)) for scene in scenes]
+    tasks = [Draw(scene, expected.packet(scene)) for scene in scenes]
     shares = {}
     for scene, (_, output) in zip(scenes, runner.run(tasks)):
         truth = expected.scene(scene)
@@ -128,7 +128,7 @@ def test_pictures_leave_a_factor_of_three_to_the_solution_in_glsl(assignment, tm
 def test_a_shift_of_a_pixel_moves_the_picture_by_a_pixel(shadelab, tmp_path):
     """The noise is measured by shifting: --shift of the renderer, as a picture of its own shows it."""
     plugin = build_plugin(
-        PHONG,
+        PHONG.glue,
         PHONG.directory / "shading.cpp",
         Sandbox(tmp_path / "b"),
         Recipe(True, functions=False, loops=("phong_point",)),
