@@ -9,20 +9,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from rich.console import Console
 
 from conftest import ROOT
-from shadelab.course.stability import Case
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.gl.client import Client
 from shadelab.gl.packet import Packet
 from shadelab.machine.sandbox import work_folder
-from shadelab.measure import bench
+from shadelab.measure import bars, bench, bench_report, timing, visibility
+from shadelab.measure.declaration import load_declaration, mesh_file
+from shadelab.measure.images import image_error
+from shadelab.measure.machine import describe_machine
+from shadelab.measure.standing import Stand, resident
 from shadelab.paths import RENDER
 from shadelab.truth.expected import CHANNELS
 
 PHONG = ROOT / "solution" / "phong"
 TINY = 96  # pixels
+DECLARED = load_declaration()
+
+
+def frame(mesh: str, look: str, samples: int, full: bool = False) -> bench.BenchFrame:
+    return bench.BenchFrame(mesh, DECLARED.look_named(look), samples, full)
 
 
 # ------------------------------------------------------------------------------------------------- the OpenGL peer
@@ -30,35 +39,23 @@ TINY = 96  # pixels
 
 def make_packet(folder: Path, *options: str, samples: int = 1, lights: int = 2) -> Path:
     scene, packet = folder / "scene.toml", folder / "frame.packet"
-    scene.write_text(bench.scene_text(Case("knot", "phong", lights, samples), TINY))
-    command = [RENDER, "packet", scene, "--assignment", PHONG, *options, "-o", packet]
+    DECLARED.write_scene("phong-4.toml" if lights > 1 else "phong-1.toml", "knot", scene)
+    command = [RENDER, "packet", scene, "--assignment", PHONG, "--size", f"{TINY}x{TINY}"]
+    command += ["--samples", str(samples), *options, "-o", packet]
     subprocess.run(list(map(str, command)), check=True)
     return packet
 
 
-def as_depth_packet(packet: Path) -> None:
-    """Turns a packet of the total into what `packet --depth` writes: nothing is shaded."""
-    with open(packet, "rb") as stream:
-        first = stream.readline()
-        header = json.loads(stream.read(int(stream.readline())))
-        data = stream.read()
-    header["depth"] = True
-    for program in header["programs"]:
-        program["fragment"] = "void main() {}\n"
-    text = json.dumps(header).encode()
-    packet.write_bytes(first + f"{len(text)}\n".encode() + text + data)
-
-
 def peer(packet: Path):
     command = [sys.executable, "-I", "-m", "shadelab.measure.peer", str(packet), str(PHONG / "shading.glsl")]
-    return bench.resident("peer", command, dict(os.environ))
+    return resident("peer", command, dict(os.environ))
 
 
 def drawn_by_the_client(packet: Path) -> np.ndarray:
     """What the grader's draw job writes, from a process of its own."""
     read = Packet(packet)
     folder = packet.parent
-    (folder / "prelude.glsl").write_text(read.header["prelude"])
+    (folder / "prelude.glsl").write_text(read.header["sources"]["prelude"])
     jobs = {
         "student": str(PHONG / "shading.glsl"), "prelude": str(folder / "prelude.glsl"),
         "status": str(folder / "status.jsonl"),
@@ -92,8 +89,7 @@ def test_peer_draws_what_the_grader_draws(tmp_path, options, samples):
 @pytest.mark.parametrize("samples", [1, 4])
 def test_peer_draws_depth(tmp_path, samples):
     layers = drawn_by_the_client(make_packet(tmp_path, "--layers"))  # one sample, at the centre
-    packet = make_packet(tmp_path, samples=samples)
-    as_depth_packet(packet)
+    packet = make_packet(tmp_path, "--depth", samples=samples)
     with peer(packet) as program:
         program.draw()
         once = program.image(tmp_path / "depth.npy")
@@ -113,12 +109,12 @@ def test_peer_draws_depth(tmp_path, samples):
 def test_two_objects_of_one_program_keep_their_uniforms(tmp_path):
     """A resident frame sets uniforms when another object used the program before, in the second frame too."""
     file = tmp_path / "scene.toml"
-    file.write_text(bench.scene_text(Case("sphere-coarse", "phong", 1, 1), TINY))
+    DECLARED.write_scene("phong-1.toml", "sphere-coarse", file)
     scene = read_toml(file)
     scene["object"] = [{**scene["object"][0], "translate": [x, 0, 0], "scale": 0.5} for x in (-0.6, 0.6)]
     file.write_text(tomli_w.dumps(scene))
     packet = tmp_path / "frame.packet"
-    command = [RENDER, "packet", file, "--assignment", PHONG, "-o", packet]
+    command = [RENDER, "packet", file, "--assignment", PHONG, "--size", f"{TINY}x{TINY}", "-o", packet]
     subprocess.run(list(map(str, command)), check=True)
     assert len(Packet(packet).header["programs"]) == 1
     with peer(packet) as program:
@@ -136,7 +132,7 @@ def test_client_draws_packets_in_any_order(tmp_path):
     for lights in (1, 2):
         (tmp_path / str(lights)).mkdir()
         packets.append(Packet(make_packet(tmp_path / str(lights), lights=lights)))
-    client = Client(packets[0].header["prelude"], (PHONG / "shading.glsl").read_text())
+    client = Client(packets[0].header["sources"]["prelude"], (PHONG / "shading.glsl").read_text())
     first, other, again = (client.draw(packets[k])[0] for k in (0, 1, 0))
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 0.01
@@ -144,7 +140,7 @@ def test_client_draws_packets_in_any_order(tmp_path):
 
 def test_program_that_ends_says_why():
     command = [sys.executable, "-c", "import sys; sys.exit('the disk is full')"]
-    with pytest.raises(InfrastructureError, match="name: the disk is full"), bench.resident("name", command, {}):
+    with pytest.raises(InfrastructureError, match="name: the disk is full"), resident("name", command, {}):
         pass
 
 
@@ -152,27 +148,28 @@ def test_program_that_ends_says_why():
 
 
 def test_cases_are_those_of_the_issue():
-    cases = bench.all_cases()
+    cases = bench.all_frames(DECLARED)
     assert len(cases) == len({c.name for c in cases}) == 70
-    assert {c.look for c in cases} == {"depth", "phong-1", "phong-4", "cook-torrance-1", "cook-torrance-4"}
-    assert {t.name for t in bench.all_tasks()} >= {c.name for c in cases} | set(bench.QUICK)
-    assert [t.name for t in bench.chosen_tasks("teapot/depth/*", False)] == ["teapot/depth/1s", "teapot/depth/4s"]
+    assert {c.look.name for c in cases} == {"depth", "phong-1", "phong-4", "cook-torrance-1", "cook-torrance-4"}
+    assert {m.name for m in bench.all_measurements(DECLARED)} >= {c.name for c in cases} | set(DECLARED.quick)
+    chosen = bench.chosen_measurements(DECLARED, "teapot/depth/*", False)
+    assert [m.name for m in chosen] == ["teapot/depth/1s", "teapot/depth/4s"]
     with pytest.raises(UserError, match="names look like"):
-        bench.chosen_tasks("nothing", False)
+        bench.chosen_measurements(DECLARED, "nothing", False)
 
 
 @pytest.mark.parametrize("mesh", ["sphere-70k", "knot-70k", "teapot", "bunny"])
 def test_meshes_fill_the_picture_and_none_is_cut(tmp_path, mesh):
     """Measured in the packet's own numbers: every vertex within the picture, the largest extent over most of it."""
-    if not bench.mesh_file(mesh).exists():
+    if not mesh_file(mesh).exists():
         pytest.skip(f"{mesh}.obj is absent")
-    (tmp_path / "scene.toml").write_text(bench.scene_text(Case(mesh, "cook-torrance", 4, 4), TINY))
+    DECLARED.write_scene("cook-torrance-4.toml", mesh, tmp_path / "scene.toml")
     command = [RENDER, "packet", tmp_path / "scene.toml", "--assignment", ROOT / "solution" / "microfacet"]
     subprocess.run([*map(str, command), "-o", str(tmp_path / "frame.packet")], check=True)
     packet = Packet(tmp_path / "frame.packet")
-    [draw] = packet.header["draws"]
-    positions = np.frombuffer(packet.bytes(draw["positions"], 12), np.float32).reshape(-1, 3)
-    to_clip = np.array(draw["uniforms"]["shadelab_to_clip"]).reshape(4, 4).T
+    [drawn] = packet.header["objects"]
+    positions = np.frombuffer(packet.attribute(drawn["attributes"]["shadelab_position"]), np.float32).reshape(-1, 3)
+    to_clip = visibility.matrices(packet)[0]
     clip = np.c_[positions, np.ones(len(positions))] @ to_clip.T
     projected = clip[:, :2] / clip[:, 3:]
     assert np.abs(projected).max() < 1
@@ -189,48 +186,48 @@ def test_pairs_alternate_and_change_who_begins():
         order.append(who)
         return ms
 
-    pairs = bench.alternate(lambda: draw("ours", 1.0), lambda: draw("peer", 4.0), least=4, seconds=0, pause=0)
+    pairs = timing.alternate(lambda: draw("ours", 1.0), lambda: draw("peer", 4.0), least=4, seconds=0, pause=0)
     assert pairs == [(1.0, 4.0)] * 4
     assert order == ["ours", "peer", "peer", "ours"] * 2
-    enough = bench.alternate(lambda: 1.0, lambda: 1.0, least=2, seconds=1e9, pause=0)
-    assert len(enough) == bench.MORE_PAIRS
+    enough = timing.alternate(lambda: 1.0, lambda: 1.0, least=2, seconds=1e9, pause=0)
+    assert len(enough) == timing.MORE_PAIRS
 
 
 def test_ratios_are_taken_pair_by_pair():
     # The machine was slow in the second half, for both: the medians' ratio would be 10/2.
-    assert bench.pairwise_ratio([(1, 2), (1, 2), (10, 20)]) == 0.5
-    assert bench.pairwise_ratio([(1, 10), (2, 10), (9, 10)]) == 0.2
-    assert bench.geometric_mean([0.1, 10]) == pytest.approx(1)
-    assert bench.geometric_mean([0.25, 0.25, 2]) == pytest.approx(0.5)
+    assert timing.pairwise_ratio([(1, 2), (1, 2), (10, 20)]) == 0.5
+    assert timing.pairwise_ratio([(1, 10), (2, 10), (9, 10)]) == 0.2
+    assert timing.geometric_mean([0.1, 10]) == pytest.approx(1)
+    assert timing.geometric_mean([0.25, 0.25, 2]) == pytest.approx(0.5)
 
 
 def test_image_error():
     reference = np.zeros((2, 2, 3))
     image = reference.astype(np.float32)
     image[0, 0, 1] = 0.5
-    assert bench.image_error(image, reference) == {"error": pytest.approx(0.5 / 12**0.5), "max_error": 0.5}
-    assert bench.image_error(np.ones((2, 2, 1)), np.zeros((2, 2, 1))) == {"error": 1.0, "max_error": 1.0}
+    assert image_error(image, reference) == {"rmse": pytest.approx(0.5 / 12**0.5), "max": 0.5}
+    assert image_error(np.ones((2, 2, 1)), np.zeros((2, 2, 1))) == {"rmse": 1.0, "max": 1.0}
 
 
-def fake_case(case: Case, ours: float, peer: float) -> dict:
+def fake_case(case: bench.BenchFrame, ours: float, peer: float) -> dict:
     return {
-        "name": case.name, "unit": "ms", "mesh": case.mesh, "shading": case.look, "samples": case.samples,
+        "name": case.name, "unit": "ms", "mesh": case.mesh, "shading": case.look.name, "samples": case.samples,
         "ours": {"median": ours, "error": 1e-6}, "peer": {"name": "llvmpipe (fake)", "median": peer, "error": 2e-6},
         "ratio": ours / peer, "load_ms": 1.0, "geometry_bytes": 1 << 20, "framebuffer_bytes": 1 << 21, "peak_bytes": 1 << 22,
     }  # fmt: skip
 
 
 def fake_bench(level: str = "v3") -> dict:
-    results = [fake_case(case, 12.0 if case.lights else 2.0, 40.0) for case in bench.all_cases()]
-    results += [fake_case(Case("knot-70k", "phong", 1, 1, full=True), 40.0, 80.0)]
+    results = [fake_case(case, 12.0 if case.look.shaded else 2.0, 40.0) for case in bench.all_frames(DECLARED)]
+    results += [fake_case(frame("knot-70k", "phong-1", 1, full=True), 40.0, 80.0)]
     results += [{"name": "threads/x", "frame_gain": 1.9, "arithmetic_gain": 2.0, "share": 0.95}]
     point = {"series": "ours-float", "supersample": 2, "samples": 4, "error": 1e-3, "max_error": 1e-2}
-    point["ms"] = bench.spread([2.0, 1.0, 3.0])
+    point["ms"] = timing.spread([2.0, 1.0, 3.0])
     results += [{"name": "supersampling/sphere", "mesh": "sphere-70k", "q": 32.0, "size": 256, "points": [point]}]
-    results += [{"name": "load/knot-1m", "unit": "ms", **bench.spread([900.0, 1000.0, 1700.0])}]
+    results += [{"name": "load/knot-1m", "unit": "ms", **timing.spread([900.0, 1000.0, 1700.0])}]
     machine = {"cpu": "A Processor", "processors": 2, "system": "A System", "compiler": "g++ 1", "date": "2000-01-01"}
     settings = {"threads": 2, "level": level, "pairs": 15}
-    return bench.assemble(machine, settings, results, [{"name": "bunny/x", "why": "absent"}])
+    return bars.assemble(machine, settings, results, [{"name": "bunny/x", "why": "absent"}])
 
 
 def test_json_has_the_agreed_shape():
@@ -247,25 +244,25 @@ def test_json_has_the_agreed_shape():
 
 
 def test_bars():
-    bars = {b["name"]: b for b in fake_bench()["bars"]}
+    limits = {b["name"]: b for b in fake_bench()["bars"]}
     assert [b["met"] for b in bars.values()].count(False) == 1
-    assert bars["geometric mean of ours/llvmpipe"]["value"] == pytest.approx((0.05 * 0.3**4) ** 0.2)
-    assert bars["the same, depth only"]["value"] == pytest.approx(0.05)
-    missed = bars["--full: the largest ours/llvmpipe, all layers"]
+    assert limits["geometric mean of ours/llvmpipe"]["value"] == pytest.approx((0.05 * 0.3**4) ** 0.2)
+    assert limits["the same, depth only"]["value"] == pytest.approx(0.05)
+    missed = limits["--full: the largest ours/llvmpipe, all layers"]
     assert not missed["met"] and missed["value"] == 0.5 and missed["limit"] == 0.45
-    assert bars["two threads over one, of arithmetic's gain"]["sense"] == "at least"
-    assert bars["the largest image error, ours/llvmpipe"]["value"] == pytest.approx(0.5)
+    assert limits["two threads over one, of arithmetic's gain"]["sense"] == "at least"
+    assert limits["the largest image error, ours/llvmpipe"]["value"] == pytest.approx(0.5)
 
 
 def test_bars_without_avx2():
-    bars = {b["name"]: b["limit"] for b in fake_bench("v2")["bars"]}
-    assert bars["geometric mean of ours/llvmpipe"] == 0.75
-    assert "the same, depth only" not in bars
-    assert bench.held_against_bars([], {"full": [], "threads": [], "load": [], "omissions": []}, "v3", []) == []
+    limits = {b["name"]: b["limit"] for b in fake_bench("v2")["bars"]}
+    assert limits["geometric mean of ours/llvmpipe"] == 0.75
+    assert "the same, depth only" not in limits
+    assert bars.held_against_bars([], {"full": [], "threads": [], "load": [], "omissions": []}, "v3", []) == []
 
 
 def test_below_avx2_the_peer_is_held_to_sse(tmp_path):
-    held = [bench.Bench(tmp_path, 2, level, 15).environment() for level in (None, "v2", "v3")]
+    held = [Stand(tmp_path, 2, level).environment() for level in (None, "v2", "v3")]
     assert ["GALLIUM_OVERRIDE_CPU_CAPS" in e for e in held] == [False, True, False]
     assert [e.get("SHADELAB_LEVEL") for e in held] == [os.environ.get("SHADELAB_LEVEL"), "v2", "v3"]
     assert all(e["OMP_NUM_THREADS"] == e["LP_NUM_THREADS"] == "2" for e in held)
@@ -273,15 +270,17 @@ def test_below_avx2_the_peer_is_held_to_sse(tmp_path):
 
 def test_readme_block(tmp_path):
     text = "# A\n<!-- bench -->\nold\nlines\n<!-- /bench -->\nend\n"
-    assert bench.replace_block(text, "new") == "# A\n<!-- bench -->\nnew\n<!-- /bench -->\nend\n"
-    assert bench.replace_block(bench.replace_block(text, "x"), "new") == bench.replace_block(text, "new")
+    assert bench_report.replace_block(text, "new") == "# A\n<!-- bench -->\nnew\n<!-- /bench -->\nend\n"
+    assert bench_report.replace_block(bench_report.replace_block(text, "x"), "new") == bench_report.replace_block(
+        text, "new"
+    )
     for wrong in ("", "<!-- bench -->", "<!-- /bench --><!-- bench -->"):
         with pytest.raises(UserError, match="README.md"):
-            bench.replace_block(wrong, "new")
+            bench_report.replace_block(wrong, "new")
 
 
 def test_readme_table():
-    text = bench.markdown(fake_bench())
+    text = bench_report.markdown(DECLARED, fake_bench())
     rows = [line for line in text.splitlines() if line.startswith("| `")]
     assert len(rows) == 14 and all(row.count("|") == 7 for row in rows)
     assert rows[0].startswith("| `sphere-1k`, 1 sample | 2.00 / 40.0 | 12.0 / 40.0 |")
@@ -294,7 +293,7 @@ def test_readme_table():
 
 
 def test_report_on_the_terminal(capsys):
-    bench.print_report(fake_bench(), bench.Console(width=200, highlight=False))
+    bench_report.print_report(fake_bench(), Console(width=200, highlight=False))
     printed = capsys.readouterr().out
     assert "sphere-1k/depth/1s" in printed and "skipped bunny/x: absent" in printed
     assert "missed --full: the largest ours/llvmpipe, all layers: 0.5 (at most 0.45)" in printed
@@ -311,7 +310,7 @@ def test_interrupted_runs_go_on(tmp_path):
 
 
 def test_machine_is_described():
-    described = bench.describe_machine()
+    described = describe_machine()
     assert all(described[name] for name in ("cpu", "system", "compiler"))
     assert described["processors"] >= 1
 
@@ -326,10 +325,11 @@ def test_bad_options(shadelab):
 
 @pytest.mark.skipif("frames" not in subprocess.run([RENDER, "--help"], capture_output=True, text=True).stdout,
                     reason="this renderer has no frames command")  # fmt: skip
-@pytest.mark.parametrize("shading", [("depth", 0), ("phong", 1)], ids=lambda s: s[0])
+@pytest.mark.parametrize("shading", ["depth", "phong-1"])
 def test_a_case_from_end_to_end(monkeypatch, shading):
-    monkeypatch.setattr(bench, "MORE_PAIRS", 2)
+    monkeypatch.setattr(timing, "MORE_PAIRS", 2)
     with work_folder("bench") as folder:
-        result = bench.measure_case(bench.Bench(folder, 1, None, 2, TINY), Case("knot", *shading, 4))
+        measured = bench.Bench(DECLARED, Stand(folder, 1), 2, TINY)
+        result = bench.measure_frame(measured, frame("knot", shading, 4))
     assert result["ours"]["runs"] == result["peer"]["runs"] == 2 and result["ratio"] > 0
     assert result["ours"]["error"] < 1e-2 and result["peer"]["error"] < 1e-2

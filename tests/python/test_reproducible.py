@@ -14,7 +14,6 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import load_assignment
 from shadelab.errors import UserError
-from shadelab.machine import build
 from shadelab.machine.build import Recipe, build_plugin
 from shadelab.machine.processor import LEVELS, processor_level
 from shadelab.machine.sandbox import Sandbox
@@ -36,7 +35,7 @@ def levels() -> list[str]:
     """Those that this machine has, the plainest first."""
     asked = os.environ.pop("SHADELAB_LEVEL", None)
     try:
-        best = build.processor_level.__wrapped__()
+        best = processor_level.__wrapped__()
     finally:
         if asked is not None:
             os.environ["SHADELAB_LEVEL"] = asked

@@ -52,7 +52,7 @@ def test_points_of_a_function(wrong, share):
 def test_points_come_from_the_manifest_and_half_of_them_from_each_language(assignment):
     plans = plan_checks(assignment)
     points = {backend: sum(p.points for p in chain) for backend, chain in plans.items()}
-    assert points == {"cpp": assignment.points / 2, "glsl": assignment.points / 2, "parity": 0}
+    assert points == {"cpp": assignment.points / 2, "glsl": assignment.points / 2, "both": 0}
     everything = [p for chain in plans.values() for p in chain]
     assert len({p.id for p in everything}) == len(everything)
     assert sum(p.points for p in everything if p.kind == "image") >= 0.4 * assignment.points
@@ -103,7 +103,7 @@ def gradings(small, tmp_path_factory):
                 formats.write(name, result, folder)
 
         grading = grade(assignment, submission, folder, only="*/[fip]*/*[hk][an][lo]*", rewrite=rewrite)
-        write_worst_inputs(assignment, grading, submission, folder)
+        write_worst_inputs(assignment, grading.result, submission, folder)
         rewrite(grading.result)
         write_html(grading.result, grading.pictures, folder / "report.html", assignment.title)
         out.append((grading, folder))

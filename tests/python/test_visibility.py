@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from shadelab.course.assignment import assignment_of_scene
 from shadelab.gl.client import Client
+from shadelab.machine import renderer
 from shadelab.measure import visibility
 from shadelab.measure.peer import DepthFrame
 from shadelab.measure.visibility import LEAST_HEIGHT, MADE, OUR_DEPTH_ERROR, SAMPLES, UNIT, Comparison
@@ -23,9 +25,9 @@ def client():
 
 def scene_file(name: str, folder: Path) -> Path:
     if name in MADE:
-        return visibility.make_scene(name, folder)
+        return visibility.made_scene(name)
     scene = ROOT / "scenes" / f"{name}.toml"
-    if not visibility.mesh_exists(scene):
+    if renderer.describe(scene, assignment_of_scene(scene).directory).missing_meshes():
         pytest.skip(f"{name}: its mesh is absent")
     return scene
 
@@ -83,7 +85,7 @@ def test_each_keeps_to_its_rule_of_coverage(client, tmp_path):
     """Every triangle that is seen covers its sample by the integer rule, worked out here again with integers of 64 bits."""
     scene = scene_file("phong/teapot", tmp_path)
     packet = visibility.make_packet(scene, 4, tmp_path)
-    corners = visibility.corners_of(scene, packet)
+    corners = visibility.corners_of(packet)
     for visible in (visibility.ours(scene, 4, tmp_path), visibility.llvmpipes(client, packet)):
         at = np.nonzero(visible.triangle)
         offset = np.array(SAMPLES[4])[at[0]]
@@ -96,8 +98,6 @@ def test_llvmpipe_draws_the_same_when_it_writes_numbers(name, client, tmp_path):
     """The benchmark's pass without a fragment shader has the same depth to the last bit."""
     packet = visibility.make_packet(scene_file(name, tmp_path), 1, tmp_path)
     numbered = visibility.llvmpipes(client, packet)
-    for program in packet.header["programs"]:
-        program["fragment"] = "void main() {}\n"
     alone = DepthFrame(client, packet)
     alone.draw()
     assert np.array_equal(numbered.depth[0], alone.image()[..., 0])
