@@ -8,6 +8,7 @@ from PIL import Image
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.hidden import draw_hidden_scenes
 from shadelab.truth.digest import digest
 
 PHONG = ROOT / "solution" / "phong"
