@@ -143,29 +143,6 @@ def test_no_opengl_is_our_fault_and_not_the_students(grade):
     assert not any(c["status"] == "failed" for c in result["checks"])
 
 
-def test_packet_is_what_the_header_says(shadelab, tmp_path):
-    """The frame packet's format (packet.hpp), as another client would read it."""
-    scene = next(s for s in PHONG.scenes if s.name == "spots")
-    assert shadelab("render", scene.file, "--packet", "frame.packet").code == 0
-    with open(tmp_path / "frame.packet", "rb") as stream:
-        assert stream.readline() == b"shadelab packet 1\n"
-        header = json.loads(stream.read(int(stream.readline())))
-        data = stream.read()
-    last = header["draws"][-1]["indices"]
-    assert last["offset"] + 4 * last["count"] == len(data)
-    for draw in header["draws"]:
-        indices = np.frombuffer(data, np.uint32, draw["indices"]["count"], draw["indices"]["offset"])
-        assert indices.max() < draw["positions"]["count"] == draw["normals"]["count"]
-        normals = np.frombuffer(data, np.float32, 3 * draw["normals"]["count"], draw["normals"]["offset"]).reshape(
-            -1, 3
-        )
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
-    assert "shadelab_light1_hotspot" in header["draws"][0]["uniforms"]
-    assert not any(
-        "mirror_direction(" in p["fragment"] for p in header["programs"]
-    )  # nothing of the student's is in it
-
-
 @pytest.mark.parametrize("backend", ["cpp", "glsl"])
 def test_normals_that_cancel_become_the_face_normal(shadelab, tmp_path, backend):
     """A square whose normals point up at the top and down at the bottom: along its middle row they cancel exactly."""

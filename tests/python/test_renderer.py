@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from shadelab.course.assignment import assignment_of_scene
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
 from shadelab.machine import renderer
 from shadelab.machine.build import HEADERS, Recipe
@@ -68,6 +70,55 @@ def test_a_description_holds_the_loaders_numbers(tmp_path):
     assert told.missing_meshes() == [tmp_path / 'no "mesh".obj']
     with pytest.raises(UserError, match=r"odd\.toml:.*object\[0\]\.mesh"):  # which --explain does load
         renderer.describe(scene, PHONG, explain=True)
+
+
+def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    side = np.cross(forward, up)
+    side /= np.linalg.norm(side)
+    out = np.eye(4)
+    out[:3, :3] = [side, np.cross(side, forward), -forward]
+    out[:3, 3] = -out[:3, :3] @ eye
+    return out
+
+
+def perspective(fov_y: float, aspect: float, near: float, far: float) -> np.ndarray:
+    height = np.tan(np.radians(fov_y) / 2)
+    out = np.zeros((4, 4))
+    out[0, 0], out[1, 1], out[3, 2] = 1 / (height * aspect), 1 / height, -1
+    out[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    return out
+
+
+def to_world(entry: dict) -> np.ndarray:
+    """translate * rotate * scale"""
+    out = np.eye(4)
+    if "rotate" in entry:
+        x, y, z = np.array(entry["rotate"]["axis"], float) / np.linalg.norm(entry["rotate"]["axis"])
+        angle, cross = np.radians(entry["rotate"]["degrees"]), np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        out[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    out[:3, :3] *= np.broadcast_to(entry.get("scale", 1.0), 3)
+    out[:3, 3] = entry.get("translate", [0, 0, 0])
+    return out
+
+
+SCENES = [file for file in sorted((ROOT / "scenes").glob("**/*.toml")) if "[camera]" in file.read_text()]
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda f: f"{f.parent.name}/{f.stem}")
+def test_matrices_are_what_the_file_says(scene):
+    """Worked out here once more from the file itself: the truth of the visibility measurement rests on the renderer's."""
+    told, text = renderer.describe(scene, assignment_of_scene(scene).directory), read_toml(scene)
+    camera = text["camera"]
+    eye, target = (np.array(camera[name], float) - told.origin for name in ("eye", "target"))
+    up, fov_y = np.array(camera.get("up", [0, 1, 0]), float), camera.get("fov_y", 40)
+    view = perspective(fov_y, told.width / told.height, camera["near"], camera["far"]) @ look_at(eye, target, up)
+    np.testing.assert_allclose(told.world_to_clip, view, rtol=1e-12, atol=1e-13 * np.abs(view).max())
+    assert len(told.objects) == len(text["object"])
+    for each, entry in zip(told.objects, text["object"]):
+        expected = to_world(entry)
+        expected[:3, 3] -= told.origin
+        np.testing.assert_allclose(each.to_world, expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max())
 
 
 def test_a_frame_is_written_under_any_name(tmp_path, glue):
