@@ -73,6 +73,15 @@ def test_the_solution_is_linear(grade):
         assert check["kind"] == "custom" and check["needs"] == [id.split("/")[0] + "/build"]
 
 
+def test_a_relative_out_folder_does(shadelab, tmp_path):
+    """As the command's default is: a check runs in a folder of its own, and finds the pictures all the same."""
+    done = shadelab("grade", LIGHTS, "--only", "cpp/*/linearity*", "--out", "some/where", "--json", "-")
+    assert done.code == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert {c["status"] for c in result["checks"]} == {"passed"} and result["score"] == result["max_score"]
+    assert any((tmp_path / "some/where/evidence").rglob("linearity-*.npy"))
+
+
 def test_the_starter_is_not(grade):
     result = grade(ROOT / "starter" / "lights", only="*/custom/*", assignment="lights")
     for id in BOTH:

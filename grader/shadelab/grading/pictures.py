@@ -56,7 +56,8 @@ class PictureFolder:
     """`folder`: where they go. `kept`: whether they are for reports, with all that these need beside them."""
 
     def __init__(self, folder: Path, kept: bool) -> None:
-        self.folder, self.kept = folder, kept
+        # Absolute: an assignment's own checks read them from a process that stands in another folder.
+        self.folder, self.kept = folder.absolute(), kept
 
     def clear(self) -> None:
         """An older run's pictures must not pass for this one's."""
