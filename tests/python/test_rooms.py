@@ -1,6 +1,8 @@
 """Imports run downwards: a room of the package uses those before it, and no two modules use each other."""
 
 import ast
+import subprocess
+import sys
 from functools import cache
 
 import pytest
@@ -84,6 +86,13 @@ def test_only_the_page_and_reports_know_how_a_finding_looks():
     for module in modules():
         if room(module) in ("evidence", "truth", "judge", "grading", "inspect"):
             assert not any(used == "rich" for used in _outside(module)), module
+
+
+def test_the_command_line_starts_without_what_a_command_alone_needs():
+    """Each of these takes longer to import than all of the command line."""
+    code = "import sys; from shadelab.cli.app import program; program(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "jinja2", "PIL", "matplotlib", "moderngl", "mpmath", "pydantic"} & set(done.stdout.split())
 
 
 def _outside(module: str) -> set[str]:

@@ -96,7 +96,8 @@ def report(
 ) -> None:
     """Make any report again from a graded folder, without running anything: the table, report.html, and what --format asks for.
 
-    All of it comes from result.json and the pictures in evidence/. Where these were not kept (--no-html), report.html is left out.
+    All of it comes from result.json and the pictures in evidence/. Where these were not kept (--no-html), report.html is left
+    out.
     """
     from shadelab.grading.pictures import FOLDER, PictureFolder
     from shadelab.report.formats.registry import check_formats, write_format
@@ -127,8 +128,8 @@ def stability(
     """Drive every function over edge and extreme inputs, in float, double and GLSL, against 50-digit arithmetic.
 
     Errors are counted in floors: what the rounding of the inputs alone makes of the result. A stable form stays within a few; a
-    textbook form may be off by millions, or give no number at all. The first failing input is written to a file and can be replayed.
-    An unstable function is a result, not an error: the exit code is 0.
+    textbook form may be off by millions, or give no number at all. The first failing input is written to a file and can be
+    replayed. An unstable function is a result, not an error: the exit code is 0.
     """
     from shadelab.course.assignment import find_assignment
     from shadelab.inspect.stability import measure, write_inputs
