@@ -13,7 +13,7 @@ from shadelab.errors import UserError
 from shadelab.paths import shown
 
 SCHEMA = "shadelab/result/1"
-FRAMES = 3  # of which a Point's time is the median
+FRAMES = 3  # of which a Render's time is the median
 
 
 class Error(BaseModel):
@@ -39,7 +39,7 @@ class Mistake(BaseModel):
     alike: list[str] = []  # declared mistakes that give the same numbers
 
 
-class Point(BaseModel):
+class Render(BaseModel):
     """One render in the plot of error against run time."""
 
     series: str  # "yours", "solution, C++", ...
@@ -50,11 +50,11 @@ class Point(BaseModel):
     frames: int = 1
 
 
-def point_of(series: str, off: np.ndarray, frames: list[float]) -> Point:
+def render_of(series: str, off: np.ndarray, frames: list[float]) -> Render:
     """off: what the image is off by; frames: seconds of each."""
     rmse = float(np.sqrt(np.mean(np.square(off))))
     middle = statistics.median(frames)
-    return Point(series=series, rmse=rmse, seconds=middle, least=min(frames), most=max(frames), frames=len(frames))
+    return Render(series=series, rmse=rmse, seconds=middle, least=min(frames), most=max(frames), frames=len(frames))
 
 
 class Check(BaseModel):
@@ -73,7 +73,7 @@ class Check(BaseModel):
     because: list[str] = []  # ids of failed checks that explain this one
     worst: Worst | None = None
     hidden: bool = False  # students see neither the scene nor its picture; reports for them leave the details out
-    runs: list[Point] = []  # of an image: this submission's and the solution's; reported, never graded
+    runs: list[Render] = []  # of an image: this submission's and the solution's; reported, never graded
 
 
 class Result(BaseModel):

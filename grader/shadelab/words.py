@@ -1,6 +1,7 @@
-"""Names that every report and message uses, and text of a student made harmless."""
+"""Names and numbers as every report and message writes them, and text of a student made harmless."""
 
 import unicodedata
+from typing import Any
 
 BACKENDS = {"cpp": "C++", "glsl": "GLSL"}
 FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
@@ -9,6 +10,21 @@ FILES = {"cpp": "shading.cpp", "glsl": "shading.glsl"}
 def listed(names: list[str]) -> str:
     """a, b and c"""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def number(value: Any) -> str:
+    """Six significant digits; None stands for what is not finite."""
+    if value is None:
+        return "not finite"
+    return f"{value:.6g}" if isinstance(value, float) else plain(value)
+
+
+def points(value: float) -> str:
+    return f"{round(value, 2):.10g}"
+
+
+def number_short(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.3g}"
 
 
 def plain(text: object) -> str:

@@ -11,14 +11,14 @@ import pytest
 from markdown_it import MarkdownIt
 
 from shadelab.errors import UserError
-from shadelab.report import formats, markdown, short
-from shadelab.report.annotations import MOST, annotations
-from shadelab.report.classroom50 import classroom50
-from shadelab.report.formats import FORMATS
-from shadelab.report.gradescope import results
-from shadelab.report.junit import junit
-from shadelab.report.markdown import LIMIT, summary
-from shadelab.report.terminal import OUR_FAULT
+from shadelab.report.formats import markdown, short
+from shadelab.report.formats.annotations import MOST, annotations
+from shadelab.report.formats.classroom50 import classroom50
+from shadelab.report.formats.gradescope import results
+from shadelab.report.formats.junit import junit
+from shadelab.report.formats.markdown import LIMIT, summary
+from shadelab.report.formats.registry import FORMATS, write_format
+from shadelab.report.wording import OUR_FAULT
 from shadelab.result import Check, Error, Mistake, Result, Worst
 from shadelab.words import plain
 
@@ -497,21 +497,21 @@ def test_write_replaces_the_whole_file(tmp_path: Path):
     assert {name: made.file for name, made in FORMATS.items()} == names
     for name, file in names.items():
         for result in (cut_off(), hostile()):
-            assert formats.write(name, result, tmp_path) == tmp_path / file
+            assert write_format(name, result, tmp_path) == tmp_path / file
             assert (tmp_path / file).read_text(encoding="utf-8") == FORMATS[name].text(result)
     assert {f.name for f in tmp_path.iterdir()} == set(names.values())
 
 
 def test_a_report_that_fails_leaves_the_last_one(tmp_path: Path):
-    file = formats.write("gradescope", ordinary(), tmp_path)
+    file = write_format("gradescope", ordinary(), tmp_path)
     before = file.read_text()
     broken = ordinary()
     broken.score = float("nan")
     with pytest.raises(ValueError):
-        formats.write("gradescope", broken, tmp_path)
+        write_format("gradescope", broken, tmp_path)
     assert file.read_text() == before
 
 
 def test_an_unknown_format_is_named(tmp_path: Path):
     with pytest.raises(UserError, match="pdf.*gradescope, classroom50, junit, markdown"):
-        formats.write("pdf", ordinary(), tmp_path)
+        write_format("pdf", ordinary(), tmp_path)

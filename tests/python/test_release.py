@@ -179,7 +179,7 @@ def test_it_grades_alone(released, tmp_path):
     (alone / "build").symlink_to(ROOT / "build")
     shutil.rmtree(alone / "scenes" / "meshes", ignore_errors=True)
     (alone / "scenes" / "meshes").symlink_to(ROOT / "scenes" / "meshes")
-    start = f"import sys; sys.path.insert(0, {str(alone / 'grader')!r}); from shadelab.cli.commands import main; main()"
+    start = f"import sys; sys.path.insert(0, {str(alone / 'grader')!r}); from shadelab.cli.app import main; main()"
 
     def run(*arguments):
         environment = {**os.environ, "SHADELAB_ROOT": str(alone)}

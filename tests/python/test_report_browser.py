@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_reports import HOSTILE, check, drawn, truth_of
+from test_reports import HOSTILE, check, drawn, kept, truth_of
 
-from shadelab.grading.pictures import Pictures
-from shadelab.report import html
-from shadelab.report.html import srgb, write_html
-from shadelab.result import Error, Mistake, Point, Result, Worst
+from shadelab.report.html import illustrations
+from shadelab.report.html.page import write_html
+from shadelab.report.html.pictures import MAGENTA, PALETTE, difference, excess, srgb
+from shadelab.result import Error, Mistake, Render, Result, Worst
 from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -62,11 +62,11 @@ def write(folder: Path) -> Report:
     )
     result = Result(assignment="phong", submission="sha256:0", max_score=30, complete=True)
     result.add(check("cpp/image/teapot", "failed", 2, 10, message=HOSTILE, printed=HOSTILE, worst=worst, error=Error(name="share", value=0.9,
-               limit=1e-3, floor=1e-5), mistake=Mistake(id="x", hint=HOSTILE, margin=3), runs=[Point(series=HOSTILE, rmse=1e-3, seconds=0.01)]))  # fmt: skip
+               limit=1e-3, floor=1e-5), mistake=Mistake(id="x", hint=HOSTILE, margin=3), runs=[Render(series=HOSTILE, rmse=1e-3, seconds=0.01)]))  # fmt: skip
     result.add(check("glsl/image/teapot", "failed", 2, 10, message=HOSTILE))
     result.add(check("cpp/image/knot", "passed", 10, 10))
-    same = Pictures(drawn(expected), truth, limit)
-    broken = Pictures(layers, truth, limit)
+    same, broken = (kept(folder, each, truth) for each in (drawn(expected), layers))
+    same.limit = broken.limit = limit
     pictures = {"cpp/image/teapot": broken, "glsl/image/teapot": broken, "cpp/image/knot": same}
     file = folder / "report.html"
     write_html(result, pictures, file, "Teapot " + HOSTILE)
@@ -179,15 +179,15 @@ def test_side_by_side_shows_all_three(page) -> None:
     assert near(pixel(page, "yours", 40, 20), colour(student, 40, 20))
     assert near(pixel(page, "expected", 40, 20), colour(expected, 40, 20))
     assert pixel(page, "difference", 40, 2) == (0, 0, 0)
-    assert pixel(page, "difference", 40, 20) not in ((0, 0, 0), html.MAGENTA)
+    assert pixel(page, "difference", 40, 20) not in ((0, 0, 0), MAGENTA)
     assert len(set(pixel(page, "difference", 31, 20))) == 1  # an edge is grey
-    assert pixel(page, "yours", 7, 6) == pixel(page, "difference", 7, 6) == html.MAGENTA
+    assert pixel(page, "yours", 7, 6) == pixel(page, "difference", 7, 6) == MAGENTA
 
 
 def test_the_difference_is_the_static_one(page, report: Report) -> None:
-    ratio = html.excess(report.student, report.expected, report.limit)
+    ratio = excess(report.student, report.expected, report.limit)
     edge = np.zeros((HEIGHT, WIDTH), bool)
-    palette = html.PALETTE[html.difference(ratio, edge, ~np.isfinite(ratio))]
+    palette = PALETTE[difference(ratio, edge, ~np.isfinite(ratio))]
     for x, y in ((3, 2), (40, 20), (5, 12), (25, 25)):
         drawn = pixel(page, "difference", x, y)
         assert max(abs(int(a) - int(b)) for a, b in zip(drawn, palette[y, x])) <= 8
@@ -226,7 +226,7 @@ def test_exposure_is_in_step(page) -> None:
     page.locator(".exposure input").first.fill("1.5")
     assert near(pixel(page, "yours", 40, 20), colour(student, 40, 20, 1.5))
     assert near(pixel(page, "expected", 40, 20), colour(expected, 40, 20, 1.5))
-    assert pixel(page, "yours", 7, 6) == html.MAGENTA
+    assert pixel(page, "yours", 7, 6) == MAGENTA
     page.locator(".exposure input").first.fill("-6")
     assert all(pixel(page, pane, 40, 20) != colour for pane, colour in before.items())
     assert "64× the tolerance" in page.locator("[data-pane=difference] figcaption").first.text_content()
@@ -268,7 +268,7 @@ def test_the_worst_pixel_is_chosen_and_exact(page, report: Report) -> None:
         expected, yours = (number(v) for v in shown[f"total {channel}"][:2])
         assert expected == pytest.approx(report.expected[y, x, k], rel=5e-4)
         assert yours == pytest.approx(report.student[y, x, k], rel=5e-4)
-    ratio = html.excess(report.student, report.expected, report.limit)[y, x]
+    ratio = excess(report.student, report.expected, report.limit)[y, x]
     assert number(shown["total r"][2]) == pytest.approx(ratio, rel=1e-3)
 
 
@@ -284,7 +284,7 @@ def test_a_clicked_pixel_shows_its_values(page, report: Report, place: tuple[int
         assert yours == pytest.approx(report.student[y, x, k], rel=1.1e-3)
         ambient, diffuse = number(shown[f"ambient {channel}"][1]), number(shown[f"diffuse {channel}"][1])
         assert ambient + diffuse == pytest.approx(report.student[y, x, k], rel=3e-3)
-    ratio = html.excess(report.student, report.expected, report.limit)[y, x]
+    ratio = excess(report.student, report.expected, report.limit)[y, x]
     told = shown["total r"][2]
     assert told == "< 0.25×" if ratio < 0.25 else number(told) == pytest.approx(ratio, rel=0.08)
     # The directions, from the scene of truth_of.
@@ -441,7 +441,7 @@ def test_without_a_script_the_pictures_stay(visit: Callable, report: Report) -> 
 
 def test_without_room_for_the_values(visit: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The viewer draws the static pictures."""
-    monkeypatch.setattr(html, "PAGE", 0)
+    monkeypatch.setattr(illustrations, "PAGE", 0)
     report = write(tmp_path)
     page = visit(report.file)
     assert near(pixel(page, "yours", 40, 20), colour(report.student, 40, 20))

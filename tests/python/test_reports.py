@@ -18,10 +18,25 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from shadelab.grading.pictures import Pictures
-from shadelab.report import html, terminal
-from shadelab.report.html import write_html
+from shadelab.report import wording
+from shadelab.report.html import encoding, illustrations
+from shadelab.report.html.page import PRINTED, write_html
+from shadelab.report.html.pictures import (
+    MAGENTA,
+    PALETTE,
+    PICTURE,
+    RAMP,
+    THUMBNAIL,
+    Figure,
+    difference,
+    excess,
+    figures_of,
+    picture_uri,
+    srgb,
+    thumbnail,
+)
 from shadelab.report.terminal import print_result
-from shadelab.result import Check, Error, Mistake, Point, Result, Worst
+from shadelab.result import Check, Error, Mistake, Render, Result, Worst
 from shadelab.truth.expected import EDGE, INTERIOR, SceneFacts, SceneTruth
 from shadelab.words import plain
 
@@ -193,7 +208,7 @@ def test_only_our_script_may_run(page: Page) -> None:
     scripts = [attributes.get("type", "") for attributes in page.all("script")]
     assert scripts.count("") == 1 and set(scripts) <= {"", "text/plain", "application/json"}
     policy = next(m["content"] for m in page.all("meta") if m.get("http-equiv") == "Content-Security-Policy")
-    source = (Path(html.__file__).parent / "report.js").read_text(encoding="utf-8")
+    source = (Path(illustrations.__file__).parent / "report.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in policy and "</script" not in source and "<!--" not in source
 
@@ -217,9 +232,9 @@ def test_every_link_has_a_target_and_ids_are_unique(page: Page) -> None:
 def test_every_failed_check_has_its_message_and_replay(result: Result, page: Page) -> None:
     for one in result.checks:
         if one.status in ("failed", "error"):
-            assert terminal.plain(one.id) in page.text
-            assert terminal.plain(one.message).strip() in page.text
-            assert one.worst is None or terminal.plain(one.worst.replay) in page.text
+            assert plain(one.id) in page.text
+            assert plain(one.message).strip() in page.text
+            assert one.worst is None or plain(one.worst.replay) in page.text
 
 
 def test_what_it_says(page: Page) -> None:
@@ -229,7 +244,7 @@ def test_what_it_says(page: Page) -> None:
     assert "grader’s fault, not yours" in text
     assert "20 of 60 points" in text
     assert "normalise" in text and "llvmpipe" in text
-    assert f"{len(HOSTILE) * 100 - html.PRINTED} more characters" in text
+    assert f"{len(HOSTILE) * 100 - PRINTED} more characters" in text
     assert "0.123457" in text and "1e+300" in text and "not finite" in text
 
 
@@ -243,16 +258,13 @@ def test_pictures_have_the_right_size_and_an_alt_text(page: Page) -> None:
             assert decoded.size == size or kind == "jpeg" and decoded.size[0] < size[0]
             sizes.append(size)
         assert image["alt"]
-    assert sorted(sizes) == [(html.THUMBNAIL, html.THUMBNAIL)] + 4 * [(SIDE, SIDE)]
+    assert sorted(sizes) == [(THUMBNAIL, THUMBNAIL)] + 4 * [(SIDE, SIDE)]
 
 
 def test_noise_loses_detail_and_nothing_else_does() -> None:
     noise = np.random.default_rng(1).integers(0, 255, (600, 600, 3)).astype(np.uint8)
-    assert (
-        html.picture_uri(noise).startswith("data:image/jpeg")
-        and len(html.picture_uri(noise)) <= 4 / 3 * html.PICTURE + 99
-    )
-    assert html.picture_uri(np.zeros_like(noise)).startswith("data:image/png")
+    assert picture_uri(noise).startswith("data:image/jpeg") and len(picture_uri(noise)) <= 4 / 3 * PICTURE + 99
+    assert picture_uri(np.zeros_like(noise)).startswith("data:image/png")
 
 
 def test_a_thousand_passed_checks_stay_small(tmp_path: Path) -> None:
@@ -274,7 +286,7 @@ def test_an_empty_result_is_a_report(tmp_path: Path) -> None:
 
 def test_srgb() -> None:
     linear = np.array([[[0.0, 0.0031308, 0.18], [1.0, 2.0, -1.0], [np.nan, 0, 0]]])
-    assert html.srgb(linear).tolist() == [[[0, 10, 118], [255, 255, 0], [255, 0, 255]]]
+    assert srgb(linear).tolist() == [[[0, 10, 118], [255, 255, 0], [255, 0, 255]]]
 
 
 def test_the_difference_picture() -> None:
@@ -284,20 +296,18 @@ def test_the_difference_picture() -> None:
     student = expected.copy()
     student[0, :, 1] += delta / 1024
     edge = np.array([[False] * 5 + [True, False]])
-    picture = html.PALETTE[
-        html.difference(html.excess(student, expected, limit), edge, ~np.isfinite(student).all(2))[0]
-    ]
-    colors = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in html.RAMP]
+    picture = PALETTE[difference(excess(student, expected, limit), edge, ~np.isfinite(student).all(2))[0]]
+    colors = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in RAMP]
     assert picture[0].tolist() == picture[1].tolist() == [0, 0, 0]
     assert [tuple(p) for p in picture[2:5]] == [colors[2], colors[6], colors[6]]
     assert len(set(picture[5].tolist())) == 1 and 0 < picture[5, 0] < 128
-    assert tuple(picture[6]) == html.MAGENTA
+    assert tuple(picture[6]) == MAGENTA
 
 
 def test_a_limit_of_zero_divides_nothing() -> None:
     student, expected = np.array([[[0.5, 0, 0]]], np.float32), np.array([[[0.5, 0, 1e-9]]], np.float32)
-    assert html.excess(student, student, np.zeros_like(student)).item() == 0
-    assert html.excess(student, expected, np.zeros_like(student)).item() > 1e20
+    assert excess(student, student, np.zeros_like(student)).item() == 0
+    assert excess(student, expected, np.zeros_like(student)).item() > 1e20
 
 
 def test_the_ramp_grows_lighter_step_by_step() -> None:
@@ -305,7 +315,7 @@ def test_the_ramp_grows_lighter_step_by_step() -> None:
         c = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
         return float(np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722])
 
-    steps = np.diff(np.cbrt([luminance(c) for c in html.RAMP]))
+    steps = np.diff(np.cbrt([luminance(c) for c in RAMP]))
     assert steps.min() > 0.05 and steps.max() < 3 * steps.min()
 
 
@@ -313,19 +323,19 @@ def test_a_thumbnail_averages_light_and_keeps_what_is_not_finite() -> None:
     checkers = np.indices((256, 512)).sum(axis=0) % 2
     linear = np.repeat(checkers[..., None], 3, axis=2).astype(np.float32)
     linear[100, 100] = np.inf
-    small = html.thumbnail(linear, 128)
+    small = thumbnail(linear, 128)
     assert small.shape == (64, 128, 3)
     assert small[0, 0].tolist() == [188, 188, 188]
     assert small[25, 25].tolist() == [255, 0, 255]
-    assert html.thumbnail(linear[:10, :20]).shape == (10, 20, 3)
+    assert thumbnail(linear[:10, :20]).shape == (10, 20, 3)
 
 
 def test_the_ring_marks_the_pixel_that_the_check_names(result: Result, pictures: dict[str, Pictures]) -> None:
     one = result.checks[3]
     shown = pictures[one.id]
 
-    def figures(check: Check) -> list[html.Figure]:
-        return html._figures(check, shown, "a", Markup(""))
+    def figures(check: Check) -> list[Figure]:
+        return figures_of(check, shown, "a", Markup(""))
 
     yours, expected, difference = figures(one)
     assert yours.ring == expected.ring == difference.ring == (100 * 3.5 / SIDE, 100 * 4.5 / SIDE)
@@ -360,24 +370,24 @@ def test_what_is_packed_comes_back() -> None:
     changed = planes.copy()
     changed[0, 3] += 40000
     changed[2] = rng.integers(0, 65536, (30, 40))
-    blob, against = html._packed(changed, planes[:2])
+    blob, against = encoding.packed(changed, planes[:2])
     assert against == [0, 1]
     assert (unpacked(blob, 3, (30, 40), planes, against) == changed).all()
 
 
 def test_half_precision() -> None:
     values = np.array([0, 1, -1, 1 / 3, 1e-3, 3e-7, 65504, 1e9, -1e30, np.nan, np.inf, -np.inf], np.float32)
-    halves = html._halves(values).view(np.float16)
+    halves = encoding.as_halves(values).view(np.float16)
     assert halves[7] == 65504 and halves[8] == -65504  # finite stays finite
     keep = np.r_[0:7, 9:12]
     np.testing.assert_array_equal(halves[keep], values[keep].astype(np.float16))
     many = np.geomspace(1e-4, 6e4, 9999, dtype=np.float32)
-    assert (np.abs(html._halves(many).view(np.float16).astype(np.float32) / many - 1) < 2.0**-11 * 1.001).all()
+    assert (np.abs(encoding.as_halves(many).view(np.float16).astype(np.float32) / many - 1) < 2.0**-11 * 1.001).all()
 
 
 def test_steps_of_the_tolerance() -> None:
     ratio = np.array([0, 0.2, 0.25, 1, 2, 1e6, 1e30, np.inf], np.float32)
-    steps = html._steps(ratio)
+    steps = encoding.as_steps(ratio)
     assert steps[:2].tolist() == [0, 0] and steps[-1] == 65535
     np.testing.assert_allclose(2.0 ** ((steps[2:-1].astype(float) - 33) / 16), ratio[2:-1], rtol=0.022)
 
@@ -407,12 +417,12 @@ def test_a_scene_stands_once(tmp_path: Path) -> None:
 
 def test_the_page_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The values of the first, then 8 bits with a note; all within the room."""
-    monkeypatch.setattr(html, "PAGE", html.WORDS + 2_600_000)
-    monkeypatch.setattr(html, "TOTAL", 0)
+    monkeypatch.setattr(illustrations, "PAGE", illustrations.WORDS + 2_600_000)
+    monkeypatch.setattr(illustrations, "TOTAL", 0)
     result, pictures = failing(tmp_path, 4, 128, 1.0)
     write_html(result, pictures, tmp_path / "report.html", "Noise")
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
-    assert (tmp_path / "report.html").stat().st_size < html.PAGE
+    assert (tmp_path / "report.html").stat().st_size < illustrations.PAGE
     noted = page.text.count("they are shown with 8 bits")
     blobs = [s for s in page.all("script") if s.get("id", "").startswith("data-check")]
     assert 0 < noted < 8 and len(blobs) == 8 - noted
@@ -429,7 +439,7 @@ def test_hidden_checks_show_name_status_and_points(
         if one.id in ("cpp/image/teapot", "cpp/image/knot"):
             one.hidden, one.message, one.printed = True, "SECRET", "SECRET"
             one.mistake = Mistake(id="SECRET", hint="SECRET", margin=1)
-            one.runs = [Point(series="SECRET", rmse=1e-3, seconds=0.1)]
+            one.runs = [Render(series="SECRET", rmse=1e-3, seconds=0.1)]
     write_html(result, pictures, tmp_path / "report.html", "Hidden")
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     page = Page(source)
@@ -452,9 +462,9 @@ def test_the_mistake_and_the_floor_are_told(page: Page) -> None:
 def test_error_against_run_time(result: Result, tmp_path: Path) -> None:
     image = next(c for c in result.checks if c.id == "cpp/image/teapot")
     image.runs = [
-        Point(series="yours", rmse=0.03, seconds=0.012),
-        Point(series=HOSTILE, rmse=3e-8, seconds=0.011),
-        Point(series=HOSTILE, rmse=0.0, seconds=0.11),
+        Render(series="yours", rmse=0.03, seconds=0.012),
+        Render(series=HOSTILE, rmse=3e-8, seconds=0.011),
+        Render(series=HOSTILE, rmse=0.0, seconds=0.11),
     ]
     write_html(result, {}, tmp_path / "report.html", "Run times")
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
@@ -530,22 +540,22 @@ def test_an_ascii_terminal_gets_ascii(result: Result) -> None:
 
 
 def test_what_comes_first(result: Result) -> None:
-    assert terminal.first_step(result)[1].id == "glsl/build"
+    assert wording.first_step(result)[1].id == "glsl/build"
     result.checks = [c for c in result.checks if c.kind != "build"]
-    assert terminal.first_step(result)[1].id == "cpp/function/half_vector"
+    assert wording.first_step(result)[1].id == "cpp/function/half_vector"
     result.checks = [c for c in result.checks if c.status != "failed"]
-    assert terminal.first_step(result)[1].status == "error"
+    assert wording.first_step(result)[1].status == "error"
     result.checks = [c for c in result.checks if c.status == "passed"]
-    assert terminal.first_step(result) == ("Nothing to mend: every check passes.", None)
+    assert wording.first_step(result) == ("Nothing to mend: every check passes.", None)
     result.complete = False
-    assert "cut off" in terminal.first_step(result)[0]
+    assert "cut off" in wording.first_step(result)[0]
 
 
 def test_wrong_components_are_marked() -> None:
     def marks(expected: list, actual: list) -> list[bool]:
         one = check("cpp/function/f", "failed", 0, 1, error=Error(name="scaled", value=1, limit=1e-3))
         one.worst = Worst(inputs={}, expected=expected, actual=actual)
-        return [wrong for *_, wrong in terminal.compared(one)]
+        return [wrong for *_, wrong in wording.compared(one)]
 
     assert marks([1.0, 2.0, 3.0], [1.0, 2.1, None]) == [False, True, True]
     assert marks([1.0, 0.0], [1.0, 1e-7]) == [False, False] or marks([1.0, 0.0], [1.0, 1e-7]) == [False, True]
@@ -559,7 +569,7 @@ def test_wrong_components_are_marked() -> None:
 def test_names_of_components() -> None:
     one = check("cpp/function/f", "failed", 0, 1)
     one.worst = Worst(inputs={}, expected=[{"diffuse": [1.0, 2.0, 3.0]}, {"q": 1.0}], actual=[])
-    assert [name for name, *_ in terminal.compared(one)] == [
+    assert [name for name, *_ in wording.compared(one)] == [
         "result.diffuse.x",
         "result.diffuse.y",
         "result.diffuse.z",

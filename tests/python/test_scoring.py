@@ -14,8 +14,8 @@ from shadelab.grading.planning import plan_checks
 from shadelab.grading.worst import write_worst_inputs
 from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
 from shadelab.judge.functions import judge_function
-from shadelab.report import formats
-from shadelab.report.html import write_html
+from shadelab.report.formats.registry import FORMATS, write_format
+from shadelab.report.html.page import write_html
 from shadelab.truth.expected import Table
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -99,8 +99,8 @@ def gradings(small, tmp_path_factory):
         folder = tmp_path_factory.mktemp("out")
 
         def rewrite(result, folder=folder):
-            for name in formats.FORMATS:
-                formats.write(name, result, folder)
+            for name in FORMATS:
+                write_format(name, result, folder)
 
         grading = grade(assignment, submission, folder, only="*/[fip]*/*[hk][an][lo]*", rewrite=rewrite)
         write_worst_inputs(assignment, grading.result, submission, folder)
@@ -134,7 +134,7 @@ def test_nothing_tells_the_seed(gradings, small):
     files = [f for f in folder.rglob("*") if f.is_file()]
     assert {"result.json", "report.html"} < {f.name for f in files}
     reports = [f for f in files if f.parent == folder and f.suffix in (".json", ".xml", ".md")]
-    assert len(reports) == 1 + len(formats.FORMATS)
+    assert len(reports) == 1 + len(FORMATS)
     for file in files:
         assert SEED.encode() not in file.read_bytes(), file.name
 

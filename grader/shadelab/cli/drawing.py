@@ -5,7 +5,7 @@ import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -20,9 +20,11 @@ from shadelab.cli.options import (
     progress_bar,
 )
 from shadelab.errors import UserError
-from shadelab.machine import renderer
 from shadelab.machine.sandbox import Limits, Sandbox, work_folder
 from shadelab.paths import ROOT, shown
+
+if TYPE_CHECKING:  # it brings numpy, which takes as long as all the rest of a command's start
+    from shadelab.machine.renderer import Needs, View
 
 SHOWN = 1 << 20  # bytes of a program's output that render and eval show
 RENDER_LIMITS = Limits(seconds=600, memory=8 << 30)
@@ -92,6 +94,7 @@ def render(
     from shadelab.course.assignment import Scene
     from shadelab.evidence.glsl import GlslRunner
     from shadelab.evidence.tasks import Draw
+    from shadelab.machine import renderer
 
     existing_scene(scene)
     if double and backend == "glsl":
@@ -102,11 +105,8 @@ def render(
             f"--samples {samples}: {backend} has {', '.join(map(str, allowed))}; --supersample takes any number"
         )
     declared = _assignment(scene, shading)
-    folder, view = (
-        shading or _own_folder(declared),
-        renderer.View("all" if layers else "total", size, samples, supersample),
-    )
-    view = replace(view, full=full)
+    folder = shading or _own_folder(declared)
+    view = renderer.View("all" if layers else "total", size, samples, supersample, full=full)
     output = output or (None if packet else Path("out") / f"{scene.stem}.png")
     if output is not None:
         if output.suffix not in (".png", ".exr", ".npy"):
@@ -137,10 +137,11 @@ def render(
 
 
 def _render_cpp(
-    declared, scene: Path, folder: Path, view: renderer.View, double: bool, exposure: float, threads: int | None, explain: bool,
+    declared, scene: Path, folder: Path, view: "View", double: bool, exposure: float, threads: int | None, explain: bool,
     output: Path, work: Path,
 ) -> None:  # fmt: skip
     from shadelab.evidence.cpp import CppRunner
+    from shadelab.machine import renderer
     from shadelab.machine.build import Recipe
 
     sandbox = Sandbox(work, SHOWN)
@@ -160,11 +161,12 @@ def _render_cpp(
         print(f"compiled in {seconds:.2f} s instead of {full_seconds:.2f} s with every loop and layer")
 
 
-def _explain_glsl(gl, scene: Path, assignment: Path, view: renderer.View, work: Path) -> None:
+def _explain_glsl(gl, scene: Path, assignment: Path, view: "View", work: Path) -> None:
     """What the scene needs and what is left out, as the renderer prints it for C++; what an omission saves is measured by
     drawing the packet with it and without, in turn."""
     from shadelab.course.assignment import Scene
     from shadelab.evidence.tasks import Draw
+    from shadelab.machine import renderer
 
     needs = renderer.describe(scene, assignment, view, explain=True).needs
     # The compiler drops what a shader does not use; of the rest there is a packet with each thing kept.
@@ -188,7 +190,7 @@ def _explain_glsl(gl, scene: Path, assignment: Path, view: renderer.View, work: 
     print(f"compiling the shaders takes {max(0.0, compiling):.0f} ms before the first frame")
 
 
-def _print_needs(needs: renderer.Needs, saved: dict[str, str] | None = None) -> None:
+def _print_needs(needs: "Needs", saved: dict[str, str] | None = None) -> None:
     """Both lists; `saved`: what was measured for an omission, by its name."""
     print("needed")
     for line in needs.needed:
@@ -211,6 +213,8 @@ def _show(outcome) -> None:
 def _write_image(image, output: Path, exposure: float) -> None:
     """What the C++ film writes, for an image of the OpenGL client."""
     import numpy as np
+
+    from shadelab.machine import renderer
 
     if output.suffix == ".npy":
         np.save(output, image)

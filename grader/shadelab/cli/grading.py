@@ -53,9 +53,9 @@ def grade(
     from shadelab.grading.grade import grade as run_grade
     from shadelab.grading.planning import plan_checks
     from shadelab.grading.worst import write_worst_inputs
-    from shadelab.report import formats
-    from shadelab.report.annotations import annotations
-    from shadelab.report.html import write_html
+    from shadelab.report.formats.annotations import annotations
+    from shadelab.report.formats.registry import check_formats, write_format
+    from shadelab.report.html.page import write_html
     from shadelab.report.terminal import print_result
 
     declared = find_assignment(directory, assignment)
@@ -64,12 +64,12 @@ def grade(
             f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}"
         )
     json = Json(json_)
-    formats.known(format)
+    check_formats(format)
     out = make_folder(out or Path("out") / declared.name)
 
     def rewrite(result) -> None:
         for name in format or []:
-            formats.write(name, result, out)
+            write_format(name, result, out)
 
     with progress_bar() as progress:
         grading = run_grade(declared, directory, out, only, progress, rewrite, pictures=html)
@@ -96,18 +96,19 @@ def report(
 ) -> None:
     """Make any report again from a graded folder, without running anything: the table, report.html, and what --format asks for.
 
-    All of it comes from result.json and the pictures in evidence/. Where these were not kept (--no-html), report.html is left out.
+    All of it comes from result.json and the pictures in evidence/. Where these were not kept (--no-html), report.html is left
+    out.
     """
     from shadelab.grading.pictures import FOLDER, PictureFolder
-    from shadelab.report import formats
-    from shadelab.report.html import write_html
+    from shadelab.report.formats.registry import check_formats, write_format
+    from shadelab.report.html.page import write_html
     from shadelab.report.terminal import print_result
     from shadelab.result import load_result
 
     result = load_result(directory)
-    formats.known(format)
+    check_formats(format)
     for name in format or []:
-        print(f"wrote {shown(formats.write(name, result, directory))}", file=sys.stderr)
+        print(f"wrote {shown(write_format(name, result, directory))}", file=sys.stderr)
     kept, page = PictureFolder(directory / FOLDER, kept=True), directory / "report.html"
     if about := kept.about():
         write_html(result, kept.of(result), page, about["title"], hidden_details)
@@ -127,8 +128,8 @@ def stability(
     """Drive every function over edge and extreme inputs, in float, double and GLSL, against 50-digit arithmetic.
 
     Errors are counted in floors: what the rounding of the inputs alone makes of the result. A stable form stays within a few; a
-    textbook form may be off by millions, or give no number at all. The first failing input is written to a file and can be replayed.
-    An unstable function is a result, not an error: the exit code is 0.
+    textbook form may be off by millions, or give no number at all. The first failing input is written to a file and can be
+    replayed. An unstable function is a result, not an error: the exit code is 0.
     """
     from shadelab.course.assignment import find_assignment
     from shadelab.inspect.stability import measure, write_inputs

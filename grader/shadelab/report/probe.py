@@ -11,9 +11,9 @@ from rich.text import Text
 from shadelab.course.assignment import named_arrays
 from shadelab.inspect.probe import SAME, TERMS, Call, Probe, facts
 from shadelab.paths import shown
-from shadelab.report.terminal import ASCII_SYMBOLS, SYMBOLS, number
+from shadelab.report.wording import ASCII_SYMBOLS, SYMBOLS
 from shadelab.truth.expected import CHANNELS
-from shadelab.words import BACKENDS, plain
+from shadelab.words import BACKENDS, listed, number, plain
 
 SIDES = {**BACKENDS, "expected": "expected"}
 
@@ -60,7 +60,7 @@ def print_probe(out: Probe, console: Console) -> None:
         say(note)
     if out.judged and (first := out.first_wrong()):
         languages = {name: [BACKENDS[b] for b in first if first[b] == name] for name in first.values()}
-        wrong = "; ".join(f"{name} ({' and '.join(which)})" for name, which in languages.items())
+        wrong = "; ".join(f"{name} ({listed(which)})" for name, which in languages.items())
         say(f"{mark} is off. The first that is wrong, in data-flow order: {wrong}.", "bold red")
     elif out.judged and any(call.wrong for call in out.calls):
         say("Every value here is within its limit.", "green")

@@ -6,7 +6,7 @@ from shadelab.course.assignment import Assignment, Scene, named_arrays
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Draw
 from shadelab.machine import renderer
-from shadelab.result import FRAMES, point_of
+from shadelab.result import FRAMES, render_of
 from shadelab.truth.expected import INTERIOR, SceneTruth, largest_nearby
 from shadelab.truth.fragments import as_float
 from shadelab.truth.measures import FULL_MARKS, image_limit, pixel_error, violating_share
@@ -29,7 +29,7 @@ def make_truth(workshop: Workshop, scene: Scene, double: CppRunner) -> SceneTrut
     [drawn] = workshop.outputs(double, [Draw(scene, layers="all", frames=FRAMES)])
     described = scene.described
     truth = SceneTruth.of(drawn.array, as_float(described.eye), described.fov_y / described.height)
-    truth.facts.runs.append(point_of(f"{PLAIN}, C++ double", np.zeros(1), drawn.frames).model_dump())
+    truth.facts.runs.append(render_of(f"{PLAIN}, C++ double", np.zeros(1), drawn.frames).model_dump())
     truth.facts.lights = [_light(workshop.assignment, numbers) for numbers in described.lights]
     return truth
 
@@ -59,7 +59,7 @@ def finish_scene(
         errors[program.name] = pixel_error(total, truth)[interior]
         if program.name.startswith(PLAIN) and "fused" not in program.name:
             off = total.astype(np.float64) - truth.total
-            truth.facts.runs.append(point_of(program.name, off, program.frames[scene.name]).model_dump())
+            truth.facts.runs.append(render_of(program.name, off, program.frames[scene.name]).model_dump())
     if interior.any():
         truth.facts.spread = {name: float(np.quantile(e, 1 - FULL_MARKS)) for name, e in errors.items()}
         # Each by the limits that the others set.

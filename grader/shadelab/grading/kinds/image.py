@@ -8,7 +8,7 @@ from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished
 from shadelab.judge.images import judge_image
-from shadelab.result import FRAMES, Check, Point, point_of
+from shadelab.result import FRAMES, Check, Render, render_of
 from shadelab.truth.expected import TERM_CHANNELS, with_callees
 from shadelab.words import listed
 
@@ -59,10 +59,10 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
     if ledger.pictures.kept or ledger.assignment.custom:  # custom checks ask for pictures, too
         ledger.pictures.save(ledger.backend, scene.name, layers)
     check = judge_image(scene, ledger.backend, plan.points, truth, layers)
-    check.runs = [Point(**run) for run in truth.facts.runs]
+    check.runs = [Render(**run) for run in truth.facts.runs]
     off = layers[..., :3].astype(np.float64) - truth.total
     if output.frames and np.isfinite(off).all():
-        check.runs.insert(0, point_of("yours", off, output.frames))
+        check.runs.insert(0, render_of("yours", off, output.frames))
     return check
 
 

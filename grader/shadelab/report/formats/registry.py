@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shadelab.errors import UserError
-from shadelab.report.classroom50 import classroom50
-from shadelab.report.gradescope import results
-from shadelab.report.junit import junit
-from shadelab.report.markdown import summary
+from shadelab.report.formats.classroom50 import classroom50
+from shadelab.report.formats.gradescope import results
+from shadelab.report.formats.junit import junit
+from shadelab.report.formats.markdown import summary
 from shadelab.result import Result
 
 
@@ -27,14 +27,14 @@ FORMATS = {
 }
 
 
-def known(names: list[str] | None) -> None:
+def check_formats(names: list[str] | None) -> None:
     """Raises UserError for a format that there is not."""
     for name in names or []:
         if name not in FORMATS:
             raise UserError(f"--format {name}: there is {', '.join(FORMATS)}")
 
 
-def write(format: str, result: Result, folder: Path) -> Path:
+def write_format(format: str, result: Result, folder: Path) -> Path:
     """Atomically, as result.json is: a platform that ends the run early finds what was earned until then."""
     if format not in FORMATS:
         raise UserError(f"the format {format} is not known: choose {', '.join(FORMATS)}")

@@ -11,7 +11,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from shadelab.report import short, terminal
+from shadelab.report.formats import short
+from shadelab.report.wording import OUR_FAULT, STATUS, in_order
 from shadelab.result import Check, Result
 
 SCHEMA = "classroom50/result/v1"
@@ -30,7 +31,7 @@ def classroom50(result: Result, environment: Mapping[str, str] | None = None) ->
     submission = given.get("SUBMISSION_TAG") or "submit/local"
     commit = given.get("COMMIT_URL") or result.submission or "local"
     found = _tag.match(submission)
-    tests = [_test(check) for check in terminal.in_order(result, *terminal.STATUS)]
+    tests = [_test(check) for check in in_order(result, *STATUS)]
     if not result.complete:
         unseen = max(0, _hundredths(result.max_score) - sum(t["max-score"] for t in tests))
         tests.append({
@@ -61,7 +62,7 @@ def _test(check: Check) -> dict[str, Any]:
         "score": min(_hundredths(check.score), most),
         "max-score": most,
         "status": check.status,
-        **({"message": terminal.OUR_FAULT} if check.status == "error" else {}),
+        **({"message": OUR_FAULT} if check.status == "error" else {}),
     }
 
 

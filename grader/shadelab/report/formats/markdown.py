@@ -6,8 +6,10 @@ checks a summary has the name, the status and the points, and nothing else: it i
 
 import re
 
-from shadelab.report import short, terminal
+from shadelab.report.formats import short
+from shadelab.report.wording import OUR_FAULT, STATUS, SYMBOLS, in_order, label
 from shadelab.result import Check, Result
+from shadelab.words import BACKENDS, points
 
 LIMIT = 1_000_000  # bytes. GitHub drops a step's summary beyond 1 MiB; the rest is for what else the step writes
 CUT = "\n**This summary was cut here**, because GitHub drops what is longer than 1 MiB. The HTML report has the rest.\n"
@@ -15,19 +17,19 @@ CUT = "\n**This summary was cut here**, because GitHub drops what is longer than
 
 def summary(result: Result) -> str:
     """The whole result, to be appended to $GITHUB_STEP_SUMMARY."""
-    score, most = terminal.points(result.score), terminal.points(result.max_score)
+    score, most = points(result.score), points(result.max_score)
     # A block is never cut in two, so that no fence stays open.
     blocks = [f"# {inline(result.assignment)}: {score} of {most} points\n"]
     if not result.complete:
         blocks.append("\n**Grading was cut off before its end.** This is what was earned until then.\n")
     blocks += [f"\n{note}\n" for note in _notes(result)]
     blocks += _table(result)
-    shown = [c for c in terminal.in_order(result, "failed", "error") if not c.hidden]
+    shown = [c for c in in_order(result, "failed", "error") if not c.hidden]
     if shown:
         blocks.append("\n## What to mend, in this order\n")
     for check in shown:
         cost = f", {short.score(check)}" if check.max_score else ""
-        title = f"\n### {terminal.SYMBOLS[check.status]} {inline(short.name(check))}: {terminal.STATUS[check.status]}{cost}\n"
+        title = f"\n### {SYMBOLS[check.status]} {inline(short.name(check))}: {STATUS[check.status]}{cost}\n"
         blocks.append(f"{title}\n{details(check, result)}\n")
     version = result.environment.get("version", "")
     blocks.append(f"\nGraded by Shadelab {inline(version)}, submission {code(result.submission)}\n")
@@ -38,7 +40,7 @@ def details(check: Check, result: Result) -> str:
     """All that is known of one check, its name and points apart."""
     parts = []
     if check.status == "error":
-        parts.append(f"**{terminal.OUR_FAULT}**")
+        parts.append(f"**{OUR_FAULT}**")
     if check.status == "skipped" and (waiting := short.waits_for(check, result)):
         parts.append(f"Waits for {', '.join(map(code, waiting))}.")
     if check.mistake:
@@ -85,7 +87,7 @@ def _notes(result: Result) -> list[str]:
     notes = [inline(short.first_step(result))]
     ours = sum(c.status == "error" for c in result.checks)
     if ours:
-        notes.append(f"**Grader errors: {ours}.** {terminal.OUR_FAULT}")
+        notes.append(f"**Grader errors: {ours}.** {OUR_FAULT}")
     if any(c.hidden for c in result.checks):
         notes.append("Of hidden checks only the points are shown.")
     return notes
@@ -95,13 +97,13 @@ def _table(result: Result) -> list[str]:
     """By row, so that a long one can be cut: a thing that is checked, and how it went in each language."""
     if not result.checks:
         return []
-    backends = [b for b in terminal.BACKENDS if any(c.backend == b for c in result.checks)]
+    backends = [b for b in BACKENDS if any(c.backend == b for c in result.checks)]
     rows: dict[tuple[str, str], dict[str, Check]] = {}
-    for check in terminal.in_order(result, *terminal.STATUS):
-        rows.setdefault((check.kind, terminal.label(check)), {})[check.backend] = check
-    out = [f"\n| check | {' | '.join(terminal.BACKENDS[b] for b in backends)} |\n|---|{'---|' * len(backends)}\n"]
-    for (kind, label), checks in rows.items():
-        name = code(label) if kind in ("build", "function") else f"{kind} {code(label)}"
+    for check in in_order(result, *STATUS):
+        rows.setdefault((check.kind, label(check)), {})[check.backend] = check
+    out = [f"\n| check | {' | '.join(BACKENDS[b] for b in backends)} |\n|---|{'---|' * len(backends)}\n"]
+    for (kind, what), checks in rows.items():
+        name = code(what) if kind in ("build", "function") else f"{kind} {code(what)}"
         hidden = " (hidden)" if any(c.hidden for c in checks.values()) else ""
         out.append(f"| {name}{hidden} | {' | '.join(_cell(checks.get(b)) for b in backends)} |\n")
     return out
@@ -111,12 +113,8 @@ def _cell(check: Check | None) -> str:
     if check is None:
         return ""
     judged = check.max_score and check.status in ("passed", "failed")
-    text = (
-        f"{terminal.points(check.score)} / {terminal.points(check.max_score)}"
-        if judged
-        else terminal.STATUS[check.status]
-    )
-    return f"{terminal.SYMBOLS[check.status]} {text}"
+    text = f"{points(check.score)} / {points(check.max_score)}" if judged else STATUS[check.status]
+    return f"{SYMBOLS[check.status]} {text}"
 
 
 def _limited(blocks: list[str]) -> str:

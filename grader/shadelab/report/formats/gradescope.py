@@ -15,15 +15,17 @@ import json
 from collections import Counter
 from typing import Any
 
-from shadelab.report import short, terminal
-from shadelab.report.markdown import details, inline
+from shadelab.report.formats import short
+from shadelab.report.formats.markdown import details, inline
+from shadelab.report.wording import KINDS, OUR_FAULT, STATUS, in_order
 from shadelab.result import Check, Result
+from shadelab.words import points
 
 
 def results(result: Result) -> str:
-    kinds, counts = list(terminal.KINDS), Counter()
+    kinds, counts = list(KINDS), Counter()
     tests = []
-    for check in terminal.in_order(result, *terminal.STATUS):
+    for check in in_order(result, *STATUS):
         counts[check.kind] += 1
         tests.append(_test(check, result, f"{kinds.index(check.kind) + 1}.{counts[check.kind]}"))
     whole = {
@@ -44,7 +46,7 @@ def results(result: Result) -> str:
 
 def _test(check: Check, result: Result, number: str) -> dict[str, Any]:
     passed = check.status == "passed" or (check.status == "skipped" and not check.max_score)
-    remark = "" if check.status in ("passed", "failed") else f": {terminal.STATUS[check.status]}"
+    remark = "" if check.status in ("passed", "failed") else f": {STATUS[check.status]}"
     return {
         "score": round(check.score, 6),
         "max_score": round(check.max_score, 6),
@@ -66,14 +68,14 @@ def _output(result: Result) -> str:
     if not result.complete:
         parts.append("**Grading was cut off before its end.** This is what was earned until then: submit again.")
     if hidden:
-        earned, most = terminal.points(sum(c.score for c in public)), terminal.points(sum(c.max_score for c in public))
+        earned, most = points(sum(c.score for c in public)), points(sum(c.max_score for c in public))
         parts.append(f"**{earned} of {most} points** in the checks that are shown.")
         are = "check stays" if hidden == 1 else "checks stay"
         parts.append(f"{hidden} {are} hidden until the due date, and with it the total.")
     else:
-        parts.append(f"**{terminal.points(result.score)} of {terminal.points(result.max_score)} points.**")
+        parts.append(f"**{points(result.score)} of {points(result.max_score)} points.**")
     ours = sum(c.status == "error" for c in public)
     if ours:
-        parts.append(f"**Grader errors: {ours}.** {terminal.OUR_FAULT}")
+        parts.append(f"**Grader errors: {ours}.** {OUR_FAULT}")
     parts.append(inline(short.first_step(result)))
     return "\n\n".join(parts)

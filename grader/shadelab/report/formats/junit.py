@@ -7,17 +7,18 @@ and points.
 import re
 import xml.etree.ElementTree as ET
 
-from shadelab.report import short, terminal
+from shadelab.report.formats import short
+from shadelab.report.wording import OUR_FAULT, STATUS, in_order, label
 from shadelab.result import Check, Result
-from shadelab.words import plain
+from shadelab.words import BACKENDS, plain
 
 _illegal = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0, escaped or not
 
 
 def junit(result: Result) -> str:
     root = ET.Element("testsuites", name=_clean(result.assignment))
-    for backend, name in terminal.BACKENDS.items():
-        checks = [c for c in terminal.in_order(result, *terminal.STATUS) if c.backend == backend]
+    for backend, name in BACKENDS.items():
+        checks = [c for c in in_order(result, *STATUS) if c.backend == backend]
         if checks:
             _suite(root, f"{result.assignment}, {name}", [_case(check, result) for check in checks])
     if not result.complete:
@@ -43,12 +44,12 @@ def _suite(root: ET.Element, name: str, cases: list[ET.Element]) -> None:
 
 def _case(check: Check, result: Result) -> ET.Element:
     classname = f"{result.assignment}.{check.backend}.{check.kind}"
-    case = ET.Element("testcase", classname=_clean(classname), name=_clean(terminal.label(check)))
+    case = ET.Element("testcase", classname=_clean(classname), name=_clean(label(check)))
     case.set("time", f"{check.seconds:.3f}")
     if check.status != "passed":
         tag = {"failed": "failure", "error": "error", "skipped": "skipped"}[check.status]
         body, lines = ET.SubElement(case, tag, type=check.status), [] if check.hidden else _lines(check, result)
-        body.set("message", _clean(short.line(lines[0] if lines else f"{terminal.STATUS[check.status]} (hidden)")))
+        body.set("message", _clean(short.line(lines[0] if lines else f"{STATUS[check.status]} (hidden)")))
         body.text = _clean("\n".join(lines))
     printed = "" if check.hidden or not check.printed else "\n" + short.cut(check.printed, short.PRINTED)
     ET.SubElement(case, "system-out").text = _clean(short.score(check) + printed)
@@ -59,7 +60,7 @@ def _lines(check: Check, result: Result) -> list[str]:
     """What is wrong; the first line stands for the others. Never empty."""
     lines = []
     if check.status == "error":
-        lines.append(terminal.OUR_FAULT)
+        lines.append(OUR_FAULT)
     if check.status == "skipped" and (waiting := short.waits_for(check, result)):
         lines.append("waits for " + ", ".join(waiting))
     if check.message:
@@ -72,7 +73,7 @@ def _lines(check: Check, result: Result) -> list[str]:
         lines += short.worst(check)
         if check.worst.replay:
             lines.append(short.line(check.worst.replay, short.COMMAND))
-    return lines or [terminal.STATUS[check.status]]
+    return lines or [STATUS[check.status]]
 
 
 def _clean(text: str) -> str:

@@ -1,0 +1,1 @@
+"""Reports that other programs read: each a function of the result alone."""

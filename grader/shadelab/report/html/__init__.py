@@ -1,0 +1,1 @@
+"""The result as one HTML page: its words, its pictures, what its viewers read, its plots."""
