@@ -96,6 +96,14 @@ TEST_CASE("a manifest becomes functions, columns, gates and scenes") {
     CHECK((manifest.scenes[0].file.is_absolute() && manifest.scenes[0].file.stem() == "one"));
     CHECK(manifest.scenes[0].points == 4);
 
+    // The loader's Light::flatten() writes them in this order.
+    names.clear();
+    for (const Column& column : manifest.columns(manifest.find_struct("Light")->members))
+        names.push_back(column.name());
+    CHECK(names == std::vector<std::string>{"kind", "position.x", "position.y", "position.z", "direction.x",
+                                            "direction.y", "direction.z", "intensity.x", "intensity.y", "intensity.z",
+                                            "attenuation.x", "attenuation.y", "attenuation.z", "hotspot", "falloff"});
+
     // What a model's loop takes of a fragment: its own arguments and those of the light function.
     std::vector<std::string> attributes;
     for (const FragmentAttribute& attribute : manifest.attributes(*manifest.find_model("plain")))

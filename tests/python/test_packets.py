@@ -236,7 +236,7 @@ def test_the_peer_draws_what_the_client_draws(tmp_path, view):
 @pytest.mark.parametrize("samples", [1, 4])
 def test_the_peer_draws_depth(tmp_path, samples):
     layers, _ = Client(student=STUDENT).draw(packet_of(KNOT, tmp_path, layers="all"))  # one sample, at the centre
-    packet_of(KNOT, tmp_path, layers="depth", samples=samples)
+    packet = packet_of(KNOT, tmp_path, layers="depth", samples=samples)
     with peer(tmp_path / "frame.packet") as program:
         program.draw()
         once = program.image(tmp_path / "depth.npy")
@@ -246,7 +246,11 @@ def test_the_peer_draws_depth(tmp_path, samples):
     assert once.shape == depth.shape == (80, 96, 1)
     if samples == 1:
         np.testing.assert_allclose(once, depth, atol=2e-6)
+        # The peer's depths are float32 and the client's have 24 bits.
+        np.testing.assert_allclose(Client().draw(packet)[0], once, atol=2**-24)
         return
+    with pytest.raises(UserError, match="4 samples: this client reads the depth of one sample a pixel alone"):
+        Client().draw(packet)
     # The first of four samples stands beside the centre: depths are near, outlines move by less than a pixel.
     both = (once < 1) & (depth < 1)
     assert both.mean() > 0.1 and ((once < 1) != (depth < 1)).mean() < 0.1

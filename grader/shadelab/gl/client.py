@@ -189,9 +189,12 @@ class Frame:
         declared = packet.header["passes"][number]
         self.context, self.size, self.components = client.context, packet.size, components
         self.clear = [tuple(target["clear"]) for target in declared["targets"]]
+        self.depth = any(layer["pass"] == number and layer["target"] == -1 for layer in packet.header["film"])
         samples = declared["samples"]
         if samples not in (1, 2, 4):
             raise UserError(f"{samples} samples: OpenGL has 1, 2 or 4; use --backend cpp, or --supersample")
+        if self.depth and samples > 1:
+            raise UserError(f"{samples} samples: this client reads the depth of one sample a pixel alone")
         self.objects = Objects(client, packet, number)
         textures = [self.context.texture(self.size, components, dtype="f4") for _ in self.clear]
         if samples == 1:
@@ -209,7 +212,7 @@ class Frame:
         self.target.use()
         self.context.enable(moderngl.DEPTH_TEST)
         # moderngl clears all attachments at once with one colour; others are kept from it by their masks.
-        for colour in dict.fromkeys(self.clear):
+        for colour in dict.fromkeys(self.clear or [(0.0,) * 4]):
             set_masks(self.target, [colour == other for other in self.clear])
             self.target.clear(*colour, depth=1.0)
         set_masks(self.target, [True] * len(self.clear))
@@ -227,10 +230,14 @@ class Frame:
             self.resolved.read_into(image, components=self.components, attachment=k, dtype="f4")
 
     def read(self) -> list[np.ndarray]:
-        """Every target: (H, W, components) float32, row 0 at the top."""
+        """Every target, and last the depth where the film asks for it: (H, W, components) float32, row 0 at the top."""
         images = self.buffer()
         self.read_into(images)
-        return [image[::-1] for image in images]
+        if not self.depth:
+            return [image[::-1] for image in images]
+        depth = np.empty((self.size[1], self.size[0], 1), np.float32)
+        self.resolved.read_into(depth, components=1, attachment=-1, dtype="f4")
+        return [image[::-1] for image in [*images, depth]]
 
     def release(self) -> None:
         self.objects.release()
@@ -242,6 +249,8 @@ class Frame:
 
 
 def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
+    if not written:
+        return
     masks = [(w,) * 4 for w in written]
     framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
 
