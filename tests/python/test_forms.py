@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from shadelab import exact
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.errors import UserError
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Evaluate
+from shadelab.machine import renderer
 from shadelab.machine.build import FUNCTIONS, Recipe
 from shadelab.machine.sandbox import Sandbox
 from shadelab.study.declaration import load_study, sub_model
@@ -25,7 +27,6 @@ from shadelab.study.forms import (
     measure_forms,
 )
 from shadelab.study.timing import Workbench
-from shadelab.truth import exact
 
 
 @pytest.fixture
@@ -236,7 +237,6 @@ def test_evaluate_writes_the_time_of_each_repeat(work):
     plugin = work.plugin(assignment, Recipe(loops=()), assignment.directory)
     rows, out, statistics = (work.folder / name for name in ("rows", "out", "statistics"))
     np.ones((10, 7), np.float32).tofile(rows)
-    command = [str(ROOT / "build" / "shadelab-render"), "evaluate", str(plugin), "power_std", str(rows), str(out)]
-    assert work.sandbox.run([*command, "--repeat", "5", "--statistics", str(statistics)]).ok
+    assert work.sandbox.run(renderer.evaluate(plugin, "power_std", rows, out, repeat=5, statistics=statistics)).ok
     written = json.loads(statistics.read_text())
     assert written["rows"] == 10 and len(written["seconds"]) == 5 and min(written["seconds"]) > 0

@@ -220,7 +220,7 @@ def test_what_does_not_compile_is_the_students_line(naive):
 
 def declared(tmp_path, text):
     (tmp_path / "stability.toml").write_text(text)
-    return load_stability(tmp_path, PHONG.functions)
+    return load_stability(tmp_path, [f.name for f in PHONG.functions])
 
 
 def test_mistakes_in_a_declaration_are_one_line(tmp_path):

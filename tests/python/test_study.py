@@ -4,14 +4,18 @@ import csv
 import io
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 from rich.console import Console
 
 from conftest import ROOT
 from shadelab.course.assignment import Scene, load_assignment
+from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
+from shadelab.machine import renderer
 from shadelab.measure.timing import interleaved
 from shadelab.study import declaration, plot
 from shadelab.study.backends import SERIES, measure_backends
@@ -154,23 +158,29 @@ def test_reference_is_a_regular_grid_and_knows_its_error():
 
 def test_pictures_keep_their_shape(tmp_path):
     scene = tmp_path / "scene.toml"
-    scene.write_text("[film]\nwidth = 600\nheight = 200\n")
-    assert small_size(scene, 128) == "128x43"
-    assert small_size(scene, 1000) == "600x200"
-    scene.write_text("")
-    assert small_size(scene, 64) == "64x64"
+    content = read_toml(SMALL_SCENE)
+
+    def size(longest, **film):
+        content["film"] = film
+        scene.write_text(tomli_w.dumps(content))
+        return small_size(renderer.describe(scene, PHONG), longest)
+
+    assert size(128, width=600, height=200) == "128x43"
+    assert size(1000, width=600, height=200) == "600x200"
+    del content["film"]
+    assert size(64) == "64x64"
 
 
 def test_shifted_frames_are_the_samples_of_a_larger_one(work):
     """What `--supersample 2` averages, drawn as four frames that stand by. Vertices are rounded to parts of each frame's own pixels,
     so a sample close to an edge may fall to its other side."""
     assignment = load_assignment(PHONG)
-    loops = work.needs(SMALL_SCENE, assignment)["loops"]
+    loops = work.needs(SMALL_SCENE, assignment).loops
     quarters = [(x, y) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]
-    size = ["--size", "48x48"]
+    view = renderer.View(size="48x48")
     with ExitStack() as stack:
-        one = stack.enter_context(work.cpp(SMALL_SCENE, assignment, loops, options=size))
-        four = stack.enter_context(work.cpp(SMALL_SCENE, assignment, loops, options=[*size, "--supersample", "2"]))
+        one = stack.enter_context(work.cpp(SMALL_SCENE, assignment, loops, view=view))
+        four = stack.enter_context(work.cpp(SMALL_SCENE, assignment, loops, view=replace(view, supersample=2)))
         whole = four.draw()
         same = np.abs(one.draw(quarters).image - whole.image).max(axis=2) < 1e-5
         unlike = np.abs(one.draw().image - whole.image).max(axis=2) > 1e-5
@@ -200,7 +210,7 @@ def test_sampling_from_end_to_end(work):
 
 def test_interpolation_has_the_orders_of_theory(work):
     """A wrong truth (camera, light, rows upside down) would leave an error that no subdivision lessens."""
-    spec = Interpolation(subdivisions=[3, 4, 5], fit_from=3, size=96)
+    spec = Interpolation(scene="studies/interpolation/sphere.toml", subdivisions=[3, 4, 5], fit_from=3, size=96)
     study = Study(title="x", kind="interpolation", repeats=3, interpolation=spec)
     part = measure_interpolation(study, spec, work, "x")
     slopes = {s.series: s.fitted for s in part.slopes}
@@ -220,9 +230,12 @@ def backends(tmp_path_factory):
     work = Workbench(tmp_path_factory.mktemp("study"), silent)
     study = Study(title="One scene", kind="backends", repeats=3, backends=Backends(assignments=["phong"]))
     gone = tmp_path_factory.mktemp("scene") / "gone.toml"
-    gone.write_text('[[object]]\nmesh = "gone.obj"\n')
-    scenes = [(load_assignment(PHONG), Scene("phi-0", ROOT / "scenes/phong/phi-0.toml", 0))]
-    scenes.append((load_assignment(PHONG), Scene("gone", gone, 0)))
+    phi = read_toml(ROOT / "scenes/phong/phi-0.toml")
+    for entry in phi["object"]:
+        entry["mesh"] = "gone.obj"
+    gone.write_text(tomli_w.dumps(phi))
+    scenes = [(load_assignment(PHONG), Scene("phi-0", ROOT / "scenes/phong/phi-0.toml", PHONG))]
+    scenes.append((load_assignment(PHONG), Scene("gone", gone, PHONG)))
     part = measure_backends(study, work, scenes, "backends", "phong")
     part.slopes = [Slope("glsl", "size", "2", 1.9, 0.1, "all")]
     part.mark_front()
@@ -290,12 +303,12 @@ def test_students_code_is_measured_in_the_sandbox(submission, tmp_path):
     prints = {"#include <shadelab/shading.hpp>": '#include <cstdio>\n#include <shadelab/shading.hpp>\nstatic int once = '
                                                  'std::printf("[1]\\n{\\"ms\\": \\"x\\"}\\nnull\\n");'}  # fmt: skip
     assignment = load_assignment(PHONG)
-    size = ["--size", "32x32"]
+    view = renderer.View(size="32x32")
     pictures = {}
     for student in (None, submission("phong", cpp=prints)):
         work = Workbench(tmp_path / "work", silent, student)
-        loops = work.needs(SMALL_SCENE, assignment)["loops"]
-        with work.cpp(SMALL_SCENE, assignment, loops, options=size) as program:
+        loops = work.needs(SMALL_SCENE, assignment).loops
+        with work.cpp(SMALL_SCENE, assignment, loops, view=view) as program:
             drawn = program.draw([(0.0, 0.0), (0.25, -0.125)])
             pictures[student] = drawn.image
             assert drawn.seconds > 0
@@ -318,7 +331,7 @@ def test_students_code_that_gives_no_frames(submission, tmp_path, does, says):
     })  # fmt: skip
     work = Workbench(tmp_path / "work", silent, broken)
     assignment = load_assignment(PHONG)
-    loops = work.needs(SMALL_SCENE, assignment)["loops"]
+    loops = work.needs(SMALL_SCENE, assignment).loops
     with pytest.raises(UserError, match=says), work.cpp(SMALL_SCENE, assignment, loops) as program:
         program.draw()
 
@@ -362,7 +375,10 @@ def test_interpolation_covers_what_the_course_asks_for():
         ('title = "x"\nkind = "backends"\n[backends]\n', "names neither"),
         ('title = "x"\nkind = "backends"\n[backends]\nscenes = ["a"]\n[forms]\n', r"\[forms\] does not belong here"),
         ('title = "x"\nkind = "sampling"\n[sampling]\nscene = "a"\nsample = [1]\n', "sampling.sample: extra"),
-        ('title = "x"\nkind = "interpolation"\n[interpolation]\nsubdivisions = [0, 1, 2]\n', "three subdivisions"),
+        (
+            'title = "x"\nkind = "interpolation"\n[interpolation]\nscene = "a"\nsubdivisions = [0, 1, 2]\n',
+            "three subdivisions",
+        ),
     ],
 )
 def test_mistakes_in_a_declaration_name_file_and_key(tmp_path, monkeypatch, text, says):
