@@ -41,7 +41,7 @@ def grade(
         str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")
     ] = "*",
     format: Formats = None,
-    html: Annotated[bool, typer.Option(help="write report.html; without it, no picture is kept in memory")] = True,
+    html: Annotated[bool, typer.Option(help="write report.html; without it, no picture is kept")] = True,
     hidden_details: HiddenDetails = False,
 ) -> None:
     """Grade one submission: build, run and compare it with the expected data, and say what is wrong.

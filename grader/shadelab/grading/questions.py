@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from shadelab.evidence.tasks import Output
+from shadelab.grading.ledger import Ledger
+from shadelab.grading.plan import Plan
 from shadelab.result import Check
 
 
@@ -17,3 +19,10 @@ def finished(check: Check, output: Output) -> Check:
     if output.first_not_finite:
         check.message += f"; {output.first_not_finite}"
     return check
+
+
+def without_numbers(plan: Plan, ledger: Ledger, output: Output) -> Check:
+    """The check of a function that did not give any."""
+    if output.hung:
+        ledger.hung.add(plan.id)
+    return finished(plan.check("failed", f"{plan.item.name} {output.failure}"), output)

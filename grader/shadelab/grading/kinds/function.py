@@ -7,7 +7,7 @@ from shadelab.course.mistakes import load_changes, with_bodies
 from shadelab.evidence.tasks import Asking, Evaluate
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
-from shadelab.grading.questions import finished
+from shadelab.grading.questions import finished, without_numbers
 from shadelab.judge.diagnosis import Candidate, candidates, diagnose
 from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function
 from shadelab.result import Check
@@ -30,9 +30,7 @@ def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     function: Function = plan.item
     output = yield Evaluate(function, ledger.expected.table(function).rows)
     if output.array is None:
-        if output.hung:
-            ledger.hung.add(plan.id)
-        return finished(plan.check("failed", f"{function.name} {output.failure}"), output)
+        return without_numbers(plan, ledger, output)
     ledger.outputs[function.name] = output.array
     return finished((yield from _judge(plan, ledger, output.array)), output)
 

@@ -7,7 +7,7 @@ from shadelab.course.assignment import Assignment, Function
 from shadelab.evidence.tasks import Asking, Evaluate, Program
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
-from shadelab.grading.questions import finished
+from shadelab.grading.questions import finished, without_numbers
 from shadelab.judge.credit import MISTAKE
 from shadelab.judge.stability import (
     FLOORS,
@@ -36,9 +36,7 @@ def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     function: Function = plan.item
     output = yield Evaluate(function, ledger.expected.stable_table(function).rows)
     if output.array is None:
-        if output.hung:
-            ledger.hung.add(plan.id)
-        return finished(plan.check("failed", f"{function.name} {output.failure}"), output)
+        return without_numbers(plan, ledger, output)
     return finished((yield from _judge(plan, ledger, output.array)), output)
 
 
