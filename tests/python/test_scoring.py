@@ -92,17 +92,24 @@ def small(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def gradings(small, tmp_path_factory):
-    """The same twice, with all reports; (Grading, folder) each."""
+    """The same twice, with all reports, the second time with pictures of hidden scenes; (Grading, folder) each."""
     assignment, submission = small
     out = []
-    for _ in range(2):
+    for hidden_pictures in (False, True):
         folder = tmp_path_factory.mktemp("out")
 
         def rewrite(result, folder=folder):
             for name in FORMATS:
                 write_format(name, result, folder)
 
-        grading = grade(assignment, submission, folder, only="*/[fip]*/*[hk][an][lo]*", rewrite=rewrite)
+        grading = grade(
+            assignment,
+            submission,
+            folder,
+            only="*/[fip]*/*[hk][an][lo]*",
+            rewrite=rewrite,
+            hidden_pictures=hidden_pictures,
+        )
         write_worst_inputs(assignment, grading.result, submission, folder)
         rewrite(grading.result)
         write_html(grading.result, grading.pictures, folder / "report.html", assignment.title)
@@ -149,3 +156,12 @@ def test_hidden_scenes_are_marked_in_the_result_and_left_out_of_reports(gradings
         assert check.message not in page
         for value in check.worst.expected:  # the visible knot has other lights, and no such number
             assert f"{value:.6g}" not in page
+
+
+def test_a_graded_folder_holds_no_picture_of_a_hidden_scene_unless_asked(gradings):
+    kept = [{f.stem for f in (folder / "evidence").rglob("*.np?")} for _, folder in gradings]
+    assert kept == [{"knot"}, {"knot", "hidden-knots"}]
+    assert [set(grading.pictures) for grading, _ in gradings] == [
+        {"cpp/image/knot", "glsl/image/knot"},
+        {"cpp/image/knot", "glsl/image/knot", "cpp/image/hidden-knots", "glsl/image/hidden-knots"},
+    ]

@@ -72,7 +72,7 @@ def grade(
             write_format(name, result, out)
 
     with progress_bar() as progress:
-        grading = run_grade(declared, directory, out, only, progress, rewrite, pictures=html)
+        grading = run_grade(declared, directory, out, only, progress, rewrite, html, hidden_details)
     result = grading.result
     write_worst_inputs(declared, result, directory, out)
     rewrite(result)
@@ -97,7 +97,7 @@ def report(
     """Make any report again from a graded folder, without running anything: the table, report.html, and what --format asks for.
 
     All of it comes from result.json and the pictures in evidence/. Where these were not kept (--no-html), report.html is left
-    out.
+    out. Pictures of hidden scenes are kept by a grade with --hidden-details alone.
     """
     from shadelab.grading.pictures import FOLDER, PictureFolder
     from shadelab.report.formats.registry import check_formats, write_format
@@ -111,7 +111,10 @@ def report(
         print(f"wrote {shown(write_format(name, result, directory))}", file=sys.stderr)
     kept, page = PictureFolder(directory / FOLDER, kept=True), directory / "report.html"
     if about := kept.about():
-        write_html(result, kept.of(result), page, about["title"], hidden_details)
+        pictures = kept.of(result)
+        write_html(result, pictures, page, about["title"], hidden_details)
+        if hidden_details and any(c.hidden and c.kind == "image" and c.id not in pictures for c in result.checks):
+            print("no pictures of hidden scenes: only grade --hidden-details keeps them", file=sys.stderr)
     else:
         print(f"{shown(directory)}: holds no pictures (evidence/), so report.html is not made", file=sys.stderr)
     print_result(result, Console(highlight=False), page if about else None, hidden_details)

@@ -45,10 +45,11 @@ def grade(
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     rewrite: Callable[[Result], None] = lambda result: None,
     pictures: bool = True,
+    hidden_pictures: bool = False,
 ) -> Grading:
     """Grades one submission. With `out`, result.json there is rewritten after each check, so a killed run keeps its marks;
-    `rewrite` is called as often, for further reports that shall survive. pictures: with `out`, keep the images there, for reports; and
-    measure the time of a frame more than once.
+    `rewrite` is called as often, for further reports that shall survive. pictures: with `out`, keep the images there, for reports
+    (of hidden scenes with `hidden_pictures` alone), and measure the time of a frame more than once.
 
     `only` restricts to checks whose id matches a shell pattern or is in a set; a backend without any is not built.
     """
@@ -62,7 +63,7 @@ def grade(
         environment=environment(assignment, expected),
     )
     lock, stop = threading.Lock(), threading.Event()
-    kept = PictureFolder(out / FOLDER, kept=True) if out is not None and pictures else None
+    kept = PictureFolder(out / FOLDER, True, hidden_pictures) if out is not None and pictures else None
     if out is not None:
         # An older run's reports must not pass for this one's.
         (out / "report.html").unlink(missing_ok=True)

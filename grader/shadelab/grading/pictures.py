@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from shadelab.course.assignment import Scene
 from shadelab.result import Result
 from shadelab.truth.expected import SceneTruth
 from shadelab.truth.measures import tolerance
@@ -53,11 +54,15 @@ class Pictures:
 
 
 class PictureFolder:
-    """`folder`: where they go. `kept`: whether they are for reports, with all that these need beside them."""
+    """`folder`: where they go. `kept`: whether they are for reports, with all that these need beside them. `hidden`: those of
+    hidden scenes, too: without it a graded folder can be handed on, and shows nobody what the scenes look like."""
 
-    def __init__(self, folder: Path, kept: bool) -> None:
+    def __init__(self, folder: Path, kept: bool, hidden: bool = False) -> None:
         # Absolute: an assignment's own checks read them from a process that stands in another folder.
-        self.folder, self.kept = folder.absolute(), kept
+        self.folder, self.kept, self._hidden = folder.absolute(), kept, hidden
+
+    def keeps(self, scene: Scene) -> bool:
+        return self.kept and (self._hidden or not scene.hidden)
 
     def clear(self) -> None:
         """An older run's pictures must not pass for this one's."""

@@ -49,14 +49,15 @@ def functions_used(scene: Scene, ledger: Ledger) -> set[str]:
 def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
     scene = plan.item
     truth = ledger.expected.scene(scene)
-    if ledger.pictures.kept:
+    if ledger.pictures.keeps(scene):
         ledger.pictures.keep_truth(ledger.expected.folder, scene.name)
     layers, shape = output.array, (*truth.total.shape[:2], TERM_CHANNELS)
     if layers is None or layers.shape != shape:
         failure = output.failure or f"gave an image of another size: {layers.shape}"
         ledger.undrawn[scene.name] = failure
         return plan.check("failed", f"{scene.name}: the render {failure}")
-    if ledger.pictures.kept or ledger.assignment.custom:  # custom checks ask for pictures, too
+    asked_again = ledger.assignment.custom and not scene.hidden  # by custom checks
+    if ledger.pictures.keeps(scene) or asked_again:
         ledger.pictures.save(ledger.backend, scene.name, layers)
     check = judge_image(scene, ledger.backend, plan.points, truth, layers)
     check.runs = [Render(**run) for run in truth.facts.runs]
