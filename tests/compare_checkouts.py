@@ -2,10 +2,11 @@
 
     .shadelab/venv/bin/python tests/compare_checkouts.py OLD NEW [--only GROUP]... [--out DIR]
 
-OLD and NEW are checkouts that have been set up (a git clone of an earlier commit, and one './shadelab doctor' in it). Every command
-runs in both at once, from each checkout's own folder and as a user types it. Compared are exit code, stdout, stderr and every file
-written: arrays and pictures bit by bit, JSON value by value, reports with their embedded pictures. Left out are measured times,
-the digests that name versions of code, and where a checkout lies. What differs is kept in DIR/CASE/old and DIR/CASE/new.
+OLD and NEW are checkouts that have been set up (a git clone of an earlier commit, and one './shadelab doctor' in it). Every
+command runs in both at once, from each checkout's own folder and as a user types it. Compared are exit code, stdout, stderr
+and every file written: arrays and pictures bit by bit, JSON value by value, reports with their embedded pictures. Left out
+are measured times, the digests that name versions of code, and where a checkout lies. What differs is kept in DIR/CASE/old
+and DIR/CASE/new.
 
 Exits with 1 when anything differs. All groups take about an hour on two cores.
 """

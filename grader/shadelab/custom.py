@@ -1,16 +1,18 @@
-"""Custom checks: what no declaration can say, as pytest functions in solution/NAME/checks/test_*.py. This is the plugin for pytest.
+"""Custom checks: what no declaration can say, as pytest functions in solution/NAME/checks/test_*.py. This is pytest's
+plugin.
 
     @pytest.mark.points(2)                    # for both languages together, half each; without it, the check costs nothing
     def test_linearity(evaluate, render):     # is cpp/custom/linearity and glsl/custom/linearity
         ...
 
-Students read what an assert says, and nothing else of the check: say what is wrong, with the numbers. Any other exception is a fault
-of the check, and told as one. Fixtures:
+Students read what an assert says, and nothing else of the check: say what is wrong, with the numbers. Any other exception
+is a fault of the check, and told as one. Fixtures:
 
     evaluate(function, inputs)    the student's function over arrays, named as in `./shadelab eval` ("light.e": (N, 3)), or over
                                   (N, columns). Gives an array, or a dictionary of the members when the function returns a struct
-    render(scene, layer="total")  the student's picture, (height, width, 3) linear float32; other layers are ambient, diffuse and
-                                  specular. `scene`: the name of one of the assignment's, a file, or what the fixture `scene` gives
+    render(scene, layer="total")  the student's picture, (height, width, 3) linear float32; other layers are ambient, diffuse
+                                  and specular. `scene`: the name of one of the assignment's, a file, or what the
+                                  fixture `scene` gives
     expected                      the expected data: inputs(function), outputs(function), image(scene, layer="total")
     scene(name)                   what stands in the scene file, as a dictionary: change it and give it to `render`
     backend                       "cpp" or "glsl"; each check runs once for each

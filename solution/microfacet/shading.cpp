@@ -136,8 +136,8 @@ Terms cook_torrance(CookTorrance m, vec3 n, vec3 l, vec3 v) {
     Real nv = dot(n, v);
     if (nl <= 0.0 || nv <= 0.0) return Terms(vec3(0.0), vec3(0.0), vec3(0.0));
     vec3 h = half_vector(l, v);
-    // As on the slide: K = rho_s/pi * D * G * F / (nl * nv), times nl. That nl cancels, and 0/0 with it. Near the viewer's horizon G
-    // has n.v as a factor, and G / nv stays finite.
+    // As on the slide: K = rho_s/pi * D * G * F / (nl * nv), times nl. That nl cancels, and 0/0 with it. Near the viewer's
+    // horizon G has n.v as a factor, and G / nv stays finite.
     Real d = beckmann(n, h, m.m);
     vec3 f = fresnel_schlick(m.f0, dot(v, h));
     Real g = geometry_term(n, l, v);

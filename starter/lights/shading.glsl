@@ -34,8 +34,8 @@ Real distance_falloff(vec3 abc, Real r) {
 //   axis              unit, the way the light travels along the middle of the cone
 //   to_light          unit, from the surface point towards the light
 //   hotspot, falloff  half-angles of the cones, radians, 0 <= hotspot <= falloff
-//   result            0 to 1. Between the cones 3 t^2 - 2 t^3, where t runs from 0 to 1 as the cosine of the angle to the axis runs
-//                     from cos(falloff) to cos(hotspot). Equal angles make a step that is 1 at the angle itself.
+//   result            0 to 1. Between the cones 3 t^2 - 2 t^3, where t runs from 0 to 1 as the cosine of the angle to the axis
+//                     runs from cos(falloff) to cos(hotspot). Equal angles make a step that is 1 at the angle itself.
 //   slide             "Spotlights: hotspot and falloff"
 Real spot_attenuation(vec3 axis, vec3 to_light, Real hotspot, Real falloff) {
     // TODO: compare cosines: is the point inside of the hotspot cone, outside of the falloff cone, or between them?

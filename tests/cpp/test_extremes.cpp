@@ -17,7 +17,7 @@ namespace {
 
 constexpr double ulp = 0x1p-24;  // of numbers from 1/2 to 1: what depth and unit vectors are rounded to, twice over
 
-// ------------------------------------------------------------------------------------------ a white surface, and scenes by hand
+// -------------------------------------------------------------------------------- a white surface, and scenes by hand
 
 template <class Real>
 void white(const plugin::Batch<Real>& batch, const Real*, const Real*) {
@@ -190,7 +190,7 @@ Mesh fan(glm::dvec3 centre, const std::vector<glm::dvec3>& ring) {
 
 }  // namespace
 
-// ------------------------------------------------------------------------------------------------------- near plane and far away
+// -------------------------------------------------------------------------------------------- near plane and far away
 
 TEMPLATE_TEST_CASE("a floor under and behind the eye: the ray's own point at every pixel", "", float, double) {
     constexpr bool is_double = std::is_same_v<TestType, double>;
@@ -359,7 +359,7 @@ TEST_CASE("near and far a billion apart: depth grows with the distance, and noth
                          .film));
 }
 
-// --------------------------------------------------------------------------------------------------------- small, thin, on the edge
+// ------------------------------------------------------------------------------------------- small, thin, on the edge
 
 TEST_CASE("a million triangles smaller than a pixel: each pixel once, each at the plane's depth") {
     Scene scene = scene_with(256, 256);
@@ -434,7 +434,7 @@ TEST_CASE("slivers, ten million times as long as wide, leave no hole and carry n
                 const glm::dvec3 own(glm::transpose(glm::dmat3(scene.objects[0].to_world)) * hit);
                 const double u = own.x * std::cos(turn) + own.y * std::sin(turn),
                              v = own.y * std::cos(turn) - own.x * std::sin(turn);
-                // Farther from the border than a pixel is wide (0.03, tilted or nearer up to 0.1) all its samples are on one side.
+                // Farther from the border than a pixel is wide (0.03, tilted or nearer up to 0.1) all samples are on one side.
                 const double off = std::max(std::abs(u) - 4, std::abs(v) - half);
                 if (std::abs(off) > 0.2) wrong += counts[size_t(y * 100 + x)] != (off < 0);
             }
@@ -564,7 +564,7 @@ TEST_CASE("the depth layer is within 4 x 2^-24 of double for well-shaped triangl
     CHECK(worst_exact <= 0.51 * ulp);  // the reference's is that of double, rounded once
 }
 
-// ------------------------------------------------------------------------------------------------------ far from the world's origin
+// ---------------------------------------------------------------------------------------- far from the world's origin
 
 namespace {
 
@@ -653,7 +653,7 @@ TEST_CASE("a scene a hundred million away looks as it does at the origin") {
     }
 }
 
-// ---------------------------------------------------------------------------------------------------- behind, degenerate, not finite
+// ------------------------------------------------------------------------------------- behind, degenerate, not finite
 
 TEMPLATE_TEST_CASE("the inside of an open mesh is drawn, with the mesh's own normals, also mirrored", "", float,
                    double) {

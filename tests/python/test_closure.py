@@ -1,4 +1,5 @@
-"""What expected data is made from is found by reading imports: a module that moves stays in it, and one that is gone is an error."""
+"""What expected data is made from is found by reading imports: a module that moves stays in it, and one that is gone is an
+error."""
 
 import shutil
 

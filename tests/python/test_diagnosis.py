@@ -82,7 +82,8 @@ def test_two_mistakes_on_inputs_of_their_own_are_both_named():
 
 
 def test_the_callees_mistake_comes_first_of_two():
-    """Its own come first among the candidates, so that they win a tie; but what stands earlier in the data flow is mended first."""
+    """Its own come first among the candidates, so that they win a tie; but what stands earlier in the data flow is mended
+    first."""
     own, callees = candidate("own", off(2, slice(0, 200))), candidate("callee's", off(3, slice(500, 600)), "callee")
     both = off(2, slice(0, 200))
     both[500:600] = off(3)[500:600]

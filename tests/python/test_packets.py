@@ -145,7 +145,8 @@ def test_buffers_are_what_the_header_says(tmp_path):
 
 
 def test_the_cameras_numbers_move_the_picture(tmp_path):
-    """Who moves the camera computes shadelab_to_clip anew, from numbers in double; where it stands already, the same comes out."""
+    """Who moves the camera computes shadelab_to_clip anew, from numbers in double; where it stands already, the same comes
+    out."""
     packet = packet_of(SPOTS, tmp_path)
     camera = packet.header["camera"]
     view = np.array(camera["world_to_clip"]).reshape(4, 4).T

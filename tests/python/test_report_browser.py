@@ -35,7 +35,8 @@ class Report:
 
 
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Student, expected and limit: brighter to the right; the student's is dimmer and reddish, with a pixel that is not finite."""
+    """Student, expected and limit: brighter to the right; the student's is dimmer and reddish, with a pixel that is not
+    finite."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
     expected = np.stack([0.1 + 0.01 * x, 0.2 + 0.01 * y, 0.3 + 0 * x], axis=2).astype(np.float32)
     student = expected * np.array([1.0, 0.5, 0.5], np.float32)

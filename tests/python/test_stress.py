@@ -140,9 +140,9 @@ def double_image(studio: Studio, scene: Path, shift: tuple[float, float] = (0, 0
 
 
 def truth_of(studio: Studio, scene: Path, image: np.ndarray) -> tuple[SceneTruth, np.ndarray]:
-    """The double reference with the noise that truth/scenes.py measures, and which pixels can be judged: those of the interior where
-    double is finite. Float32 rounds positions and directions; how far that moves a stiff pixel is part of the noise, since a shift by
-    1/16 pixel moves them farther."""
+    """The double reference with the noise that truth/scenes.py measures, and which pixels can be judged: those of the
+    interior where double is finite. Float32 rounds positions and directions; how far that moves a stiff pixel is part of
+    the noise, since a shift by 1/16 pixel moves them farther."""
     judged = finite(image)
     image = image.copy()
     image[..., TOTAL][~judged] = 0

@@ -1,4 +1,5 @@
-"""Studies: the arithmetic of points and slopes, samples and truths, small runs of each kind, and the command. No test asserts a time."""
+"""Studies: the arithmetic of points and slopes, samples and truths, small runs of each kind, and the command. No test
+asserts a time."""
 
 import csv
 import io
@@ -172,8 +173,8 @@ def test_pictures_keep_their_shape(tmp_path):
 
 
 def test_shifted_frames_are_the_samples_of_a_larger_one(work):
-    """What `--supersample 2` averages, drawn as four frames that stand by. Vertices are rounded to parts of each frame's own pixels,
-    so a sample close to an edge may fall to its other side."""
+    """What `--supersample 2` averages, drawn as four frames that stand by. Vertices are rounded to parts of each frame's
+    own pixels, so a sample close to an edge may fall to its other side."""
     assignment = load_assignment(PHONG)
     loops = work.needs(SMALL_SCENE, assignment).loops
     quarters = [(x, y) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]

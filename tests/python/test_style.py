@@ -36,3 +36,16 @@ def test_the_project_speaks_of_itself_alone():
     """No path of the machine that it was written on."""
     done = run("git", "-C", ROOT, "grep", "-nIE", r"(^|[^.[:alnum:]_])/(work|root|home)/")
     assert done.returncode == 1, done.stdout
+
+
+def test_comments_fit_beside_one_another():
+    """Two files side by side: no comment, in any language, is wider than 130 columns."""
+    listed = run("git", "ls-files", "*.py", "*.[ch]pp", "*.glsl", "*.toml", "*.js", "*.css", "shadelab").stdout.split()
+    marks = ("#", "//", "/*", '"""', "*")
+    wide = [
+        f"{name}:{k}"
+        for name in listed
+        for k, line in enumerate((ROOT / name).read_text().splitlines(), 1)
+        if len(line) > 130 and line.lstrip().startswith(marks)
+    ]
+    assert listed and not wide, wide

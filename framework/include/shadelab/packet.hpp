@@ -31,10 +31,10 @@ namespace shadelab {
 ///                     draws[]: object, program (numbers of the lists above), in this order
 ///     film[]          the image's layers in their order: layer, channels, pass, target, first, reduce
 ///
-/// A stage is "#version V", the precision, and each piece behind a "#line N" of its own, so that a line in a driver's message tells
+/// A stage is "#version V", the precision, and each piece behind its own "#line N", so that a line in a driver's message tells
 /// the piece. A browser puts its own version and precision there.
 ///
-/// A pass clears its targets and the depth (to 1), and draws with the depth test "less", depth writes, and no culling or blending.
+/// A pass clears its targets and the depth (to 1), and draws with the depth test "less", depth writes, no culling, no blending.
 /// A program need not have every attribute, uniform and sampler: compilers drop what a student's function does not read. Samples
 /// are averaged when the pass is over.
 ///

@@ -1,7 +1,8 @@
 """What an assignment declares: functions with their domains, scenes, points. The grader knows assignments only through this.
 
-The renderer alone reads assignment.toml. What it understood stands in the glue folder (assignment.json) and is loaded here; the files that
-only the grader needs (hidden.toml, stability.toml, checks/) stand beside the manifest and are read by the modules beside this one.
+The renderer alone reads assignment.toml. What it understood stands in the glue folder (assignment.json) and is loaded here;
+the files that only the grader needs (hidden.toml, stability.toml, checks/) stand beside the manifest and are read by the
+modules beside this one.
 """
 
 import json
@@ -271,7 +272,8 @@ def find_assignment(submission: Path, name: str | None) -> Assignment:
 
 
 def assignment_of_scene(scene: Path, shading: Path | None = None) -> Assignment:
-    """The assignment that declares a scene's models: that of the folder `shading`, of the scene's folder, or the first that has them."""
+    """The assignment that declares a scene's models: that of the folder `shading`, of the scene's folder, or the first that
+    has them."""
     if shading is not None:
         try:
             return find_assignment(shading, None)

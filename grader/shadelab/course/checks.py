@@ -1,5 +1,5 @@
-"""Custom checks, as pytest functions beside a manifest. Here they are read and not run: who only wants ids and points needs neither pytest
-nor time."""
+"""Custom checks, as pytest functions beside a manifest. Here they are read and not run: who only wants ids and points needs
+neither pytest nor time."""
 
 import ast
 from collections.abc import Iterator
@@ -11,7 +11,8 @@ from shadelab.paths import shown
 
 
 class CustomCheck(NamedTuple):
-    """A pytest function in checks/test_*.py: `linearity` is test_linearity (shadelab/custom.py). Points are for both languages together."""
+    """A pytest function in checks/test_*.py: `linearity` is test_linearity (shadelab/custom.py). Points are for both
+    languages together."""
 
     name: str
     points: float

@@ -1,5 +1,5 @@
-"""What a student's C++ computes, in child processes behind the sandbox: a crash, a hang or a wrong output costs the one task that it
-happened in."""
+"""What a student's C++ computes, in child processes behind the sandbox: a crash, a hang or a wrong output costs the one
+task that it happened in."""
 
 import json
 import shutil

@@ -1,5 +1,5 @@
-"""What a student's GLSL computes, by the OpenGL client in child processes behind the sandbox. Many tasks share a process; one that dies or
-hangs costs its task, and another process does the rest."""
+"""What a student's GLSL computes, by the OpenGL client in child processes behind the sandbox. Many tasks share a process;
+one that dies or hangs costs its task, and another process does the rest."""
 
 import json
 import os

@@ -1,4 +1,5 @@
-"""C++ programs beside the submission as it is graded: it in double, our solution with a student's numbers. Each is built when it is first asked."""
+"""C++ programs beside the submission as it is graded: it in double, our solution with a student's numbers. Each is built
+when it is first asked."""
 
 import threading
 from pathlib import Path

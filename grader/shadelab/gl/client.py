@@ -6,10 +6,10 @@ JOBS.json: {"student": file, "prelude": file, "status": file, "jobs": [...]}, ea
     {"kind": "compile"}
     {"kind": "evaluate", "main": file, "columns_in": n, "columns_out": n, "rows": file, "output": file}
     {"kind": "draw", "packet": file, "output": file}
-and, where it is not about the student's file, with "student": another file.
-Tables are raw float32, images .npy. For each job the status file gets a line {"begin": i} and, when it ended,
-{"end": i, "error": null | message, "students": whether the student's shader is at fault, "seconds": s, "frame": seconds of drawing
-alone, or null}; a job that has begun and not ended took the process with it.
+and, where it is not about the student's file, with "student": another file. Tables are raw float32, images .npy. For each
+job the status file gets a line {"begin": i} and, when it ended, {"end": i, "error": null | message, "students": whether the
+student's shader is at fault, "seconds": s, "frame": seconds of drawing alone, or null}; a job that has begun and not ended
+took the process with it.
 """
 
 import json

@@ -47,8 +47,8 @@ class Packet:
         return "".join(parts)
 
     def film(self, passes: list[list[np.ndarray]]) -> np.ndarray:
-        """(H, W, channels) float32 of what each pass has drawn into its targets: (H, W, 4) float32, row 0 at the top. The layers in the
-        order of the C++ film."""
+        """(H, W, channels) float32 of what each pass has drawn into its targets: (H, W, 4) float32, row 0 at the top. The
+        layers in the order of the C++ film."""
         n = self.header["supersample"]
         layers = []
         for layer in self.header["film"]:

@@ -10,7 +10,8 @@ from shadelab.words import BACKENDS
 
 
 def plan_checks(assignment: Assignment, only: str | set[str] = "*") -> dict[str, list[Plan]]:
-    """Per backend, in the order of the data flow; under "both" what is asked of the two together. Points are halved between the languages.
+    """Per backend, in the order of the data flow; under "both" what is asked of the two together. Points are halved between
+    the languages.
 
     A backend of which a check is wanted is built; the build's own check stands first. only: a shell pattern for ids, or a set
     of ids.

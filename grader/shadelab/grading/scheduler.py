@@ -1,7 +1,7 @@
 """Runs what checks ask. Nobody else runs student code: judges yield questions and are sent what came.
 
-The questions with which the checks of a stage begin are run together, in their order: OpenGL's share a process. What a check asks next
-is run at once. Verdicts are handed on as they come.
+The questions with which the checks of a stage begin are run together, in their order: OpenGL's share a process. What a
+check asks next is run at once. Verdicts are handed on as they come.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -42,8 +42,8 @@ class Student:
             self.drawer = CppRunner(assignment, sandbox, Recipe(functions=False, loops=loops))
 
     def build(self, then: list[Task], draws: bool) -> None:
-        """Raises BuildError. In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes need. `then`: what
-        will be asked first."""
+        """Raises BuildError. In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes
+        need. `then`: what will be asked first."""
         if self.backend == "glsl":
             self.runner.build(self.submission, then)
             return

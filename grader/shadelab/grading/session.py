@@ -1,7 +1,8 @@
-"""The child in which an assignment's custom checks run: pytest, so that a check that crashes or hangs costs itself and nothing else.
+"""The child in which an assignment's custom checks run: pytest, so that a check that crashes or hangs costs itself and
+nothing else.
 
-The checks are the instructor's, and trusted. Neither the grader nor this child ever loads the student's code: what a check asks of it, the
-child asks of the grader, a line of JSON each way. shadelab/custom.py is what happens in the child.
+The checks are the instructor's, and trusted. Neither the grader nor this child ever loads the student's code: what a check
+asks of it, the child asks of the grader, a line of JSON each way. shadelab/custom.py is what happens in the child.
 """
 
 import json
@@ -66,7 +67,8 @@ class Session:
         self.broken = ""  # why a file of checks could not be loaded
 
     def next_line(self, check: str) -> dict[str, Any] | Verdict:
-        """What the child says next: a question, or the verdict of a check. Raises InfrastructureError when the user interrupts."""
+        """What the child says next: a question, or the verdict of a check. Raises InfrastructureError when the user
+        interrupts."""
         if self.child is None:
             self._start(self.checks[self.checks.index(check) :])
         idle = time.monotonic()  # since then nothing was said; the student's code runs between two calls

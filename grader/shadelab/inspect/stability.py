@@ -1,5 +1,5 @@
-"""stability: how functions do at the ends of their domains, in floors of what the inputs' own rounding makes: float and double, C++
-and GLSL, against 50 digits."""
+"""stability: how functions do at the ends of their domains, in floors of what the inputs' own rounding makes: float and
+double, C++ and GLSL, against 50 digits."""
 
 import json
 import platform

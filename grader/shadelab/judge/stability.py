@@ -1,4 +1,5 @@
-"""How a function does at the ends of its domain: each value held against 50 digits, in floors of what the rounding of the inputs makes."""
+"""How a function does at the ends of its domain: each value held against 50 digits, in floors of what the rounding of the
+inputs makes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,8 @@ FLOORS = 4
 
 
 def stable_inputs(expected: Expected, function: Function, series: str) -> np.ndarray:
-    """In double, directions are unit vectors in double, too: what is compared is the algebra, not what float32 made of the inputs."""
+    """In double, directions are unit vectors in double, too: what is compared is the algebra, not what float32 made of the
+    inputs."""
     rows = expected.stable_table(function).rows
     return renormalised(function, rows) if series == "double" else rows
 
@@ -126,8 +128,8 @@ def _not_monotone(table: StableTable, actual: np.ndarray, floor: np.ndarray, ins
 def _not_reciprocal(
     columns: list[Column], table: StableTable, actual: np.ndarray, floor: np.ndarray, reciprocal: Reciprocal
 ) -> np.ndarray:
-    """Asked where the truth is reciprocal itself: gates may look at one side only. To a floor each, as above: two values that are each
-    within their own limit may still break the promise."""
+    """Asked where the truth is reciprocal itself: gates may look at one side only. To a floor each, as above: two values
+    that are each within their own limit may still break the promise."""
     one, two = table.swapped.T
     scale = np.ones((len(table.rows), 1))
     if reciprocal.per:

@@ -54,8 +54,8 @@ class Recipe:
         return [*out, *self.arithmetic()]
 
     def arithmetic(self) -> list[str]:
-        """What the numbers and the speed depend on. Functions alone are evaluated a few thousand times: -O1 compiles them in half the
-        time, to the same bits."""
+        """What the numbers and the speed depend on. Functions alone are evaluated a few thousand times: -O1 compiles them
+        in half the time, to the same bits."""
         if self.half:
             return _half
         if self.double:
@@ -91,7 +91,8 @@ class CompileError(Exception):
 
 
 def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Recipe()) -> Plugin:  # noqa: B008
-    """Compiles `source` (a shading.cpp) with the generated code of its assignment. Raises CompileError. Equal sources are compiled once."""
+    """Compiles `source` (a shading.cpp) with the generated code of its assignment. Raises CompileError. Equal sources are
+    compiled once."""
     flags = recipe.flags()
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached = STATE / "plugins" / f"{digest}.so"
@@ -121,8 +122,8 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
 
 
 def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
-    """The headers, compiled once per glue and kind of arithmetic: they are half of what compiling a plugin takes. The compiler looks
-    into prelude.hpp.gch/ for one that fits, and does without where there is none."""
+    """The headers, compiled once per glue and kind of arithmetic: they are half of what compiling a plugin takes. The
+    compiler looks into prelude.hpp.gch/ for one that fits, and does without where there is none."""
     flags = [f for f in [*_common, *recipe.arithmetic()] if f != "-shared" and not f.startswith("-Wl,")]
     folder = glue / "prelude.hpp.gch"
     file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]

@@ -1,4 +1,5 @@
-"""The glue folder of an assignment: what the renderer understood of its manifest (assignment.json), and the code that it generated."""
+"""The glue folder of an assignment: what the renderer understood of its manifest (assignment.json), and the code that it
+generated."""
 
 import hashlib
 import json
@@ -19,7 +20,8 @@ GENERATOR = ("interface.toml", "include", "glsl", "glue")  # of the framework: w
 
 
 def glue_folder(directory: Path) -> Path:
-    """Made anew when a manifest, given code, the framework's headers or the renderer changed. Raises UserError for a manifest that is wrong."""
+    """Made anew when a manifest, given code, the framework's headers or the renderer changed. Raises UserError for a
+    manifest that is wrong."""
     manifest = directory / MANIFEST
     if not manifest.is_file():
         raise UserError(f"{shown(manifest)}: cannot be read; does the file exist?")

@@ -1,7 +1,8 @@
 """The one door to the C++ framework: each call of shadelab-render, typed, with the files that it reads and writes.
 
-describe, packet, glue and convert run no student's code: they are run here, and what goes wrong is one line, the user's fault (exit code 2)
-or ours. image, evaluate and frames load a plugin: they are commands, for whoever runs them behind a sandbox and knows whose code it is.
+describe, packet, glue and convert run no student's code: they are run here, and what goes wrong is one line, the user's
+fault (exit code 2) or ours. image, evaluate and frames load a plugin: they are commands, for whoever runs them behind a
+sandbox and knows whose code it is.
 """
 
 import json

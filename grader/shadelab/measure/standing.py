@@ -106,7 +106,8 @@ def resident(name: str, command: list[str], environment: dict[str, str]) -> Iter
 
 @dataclass
 class Stand:
-    """Where they stand: a folder for their files, how many threads they have, and which level of x86-64 they are held to (None: the best)."""
+    """Where they stand: a folder for their files, how many threads they have, and which level of x86-64 they are held to
+    (None: the best)."""
 
     folder: Path
     threads: int

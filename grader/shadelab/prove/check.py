@@ -1,6 +1,6 @@
-"""check: grades the grader. Every declared mistake must lose points in each language and be named, in its own function's check and in
-no other; every correct variant and the solution must lose none; the starter must stay at or below 15 %. Mutants of the solution
-must not survive."""
+"""check: grades the grader. Every declared mistake must lose points in each language and be named, in its own function's
+check and in no other; every correct variant and the solution must lose none; the starter must stay at or below 15 %.
+Mutants of the solution must not survive."""
 
 import shutil
 from collections.abc import Callable

@@ -8,6 +8,7 @@ from shadelab.judge.images import EDGE_CAP
 from shadelab.judge.stability import FLOORS
 from shadelab.truth.measures import FACTOR, FULL_MARKS
 from shadelab.truth.tables import ROWS
+from shadelab.words import points
 
 MARK = "<!-- rubric -->"
 
@@ -48,23 +49,19 @@ def rubric(assignment: Assignment) -> str:
         "",
         "| check | points |",
         "|---|---:|",
-        *(f"| `{f.name}`: {f.summary} | {_points(f.points)} |" for f in graded),
-        *(f"| scene `{s.name}` | {_points(s.points)} |" for s in assignment.public_scenes),
-        *(f"| `{c.name}`: a check of its own | {_points(c.points)} |" for c in assignment.custom),
-        *(f"| stability of `{s.name}` | {_points(s.points)} |" for s in stable),
-        *([f"| scenes that you do not see | {_points(hidden)} |"] if hidden else []),
-        f"| **all**: functions {_points(functions)}, scenes {_points(images)}"
-        + (f", stability {_points(stability)}" if stability else "")
-        + (f", further checks {_points(custom)}" if custom else "")
-        + f" | **{_points(assignment.points)}** |",
+        *(f"| `{f.name}`: {f.summary} | {points(f.points)} |" for f in graded),
+        *(f"| scene `{s.name}` | {points(s.points)} |" for s in assignment.public_scenes),
+        *(f"| `{c.name}`: a check of its own | {points(c.points)} |" for c in assignment.custom),
+        *(f"| stability of `{s.name}` | {points(s.points)} |" for s in stable),
+        *([f"| scenes that you do not see | {points(hidden)} |"] if hidden else []),
+        f"| **all**: functions {points(functions)}, scenes {points(images)}"
+        + (f", stability {points(stability)}" if stability else "")
+        + (f", further checks {points(custom)}" if custom else "")
+        + f" | **{points(assignment.points)}** |",
     ]
     if hidden:
         lines += ["", "The hidden scenes are like those above, with other lights and materials, the same for everyone."]
     return "\n".join(line if line.startswith("|") else fill(line, 120) for line in lines)
-
-
-def _points(value: float) -> str:
-    return f"{value:g}"
 
 
 def _percent(share: float) -> str:

@@ -1,7 +1,7 @@
 """The same frames by C++ in float and in double and by OpenGL, each with what the scene needs and with everything (--full).
 
-All draw the same sample positions, so what differs is arithmetic, and what the two rasterizers make of an edge. The double build is
-the reference.
+All draw the same sample positions, so what differs is arithmetic, and what the two rasterizers make of an edge. The double
+build is the reference.
 """
 
 from collections.abc import Callable

@@ -1,13 +1,14 @@
 """Studies of kind "forms": one function computed in several ways and precisions, against 50-digit arithmetic.
 
-What is compared stands in a folder that looks like an assignment: assignment.toml declares one function per form, shading.cpp holds
-them, exact.py the truth. The same file is compiled with Real = float, double and half; a formula exists once.
+What is compared stands in a folder that looks like an assignment: assignment.toml declares one function per form,
+shading.cpp holds them, exact.py the truth. The same file is compiled with Real = float, double and half; a formula exists
+once.
 
-Directions are drawn in double and rounded to the precision that is measured, so their length is 1 only up to its rounding. Which
-truth is fair then? The lobes are defined for directions, and a length is an accident of rounding: the truth makes all directions
-unit, to 50 digits. This decides what one sees. |n - h|^2 takes the lengths' errors squared, n.h takes them once, and an exponent of
-1e6 makes 6 % of one. A truth of the numbers as they stand, (n.h)^q with whatever lengths, would blame |n - h| for these 6 %, and
-find pow at 12 % instead of 15.
+Directions are drawn in double and rounded to the precision that is measured, so their length is 1 only up to its rounding.
+Which truth is fair then? The lobes are defined for directions, and a length is an accident of rounding: the truth makes all
+directions unit, to 50 digits. This decides what one sees. |n - h|^2 takes the lengths' errors squared, n.h takes them once,
+and an exponent of 1e6 makes 6 % of one. A truth of the numbers as they stand, (n.h)^q with whatever lengths, would blame
+|n - h| for these 6 %, and find pow at 12 % instead of 15.
 """
 
 import json
@@ -290,8 +291,8 @@ def _exact(assignment: Assignment, name: str, inputs: Arrays) -> np.ndarray:
 
 
 class _Code:
-    """The functions of a folder in all precisions, compiled as the shading loops of a renderer are: over columns of numbers, which
-    vectorises where the function allows it."""
+    """The functions of a folder in all precisions, compiled as the shading loops of a renderer are: over columns of
+    numbers, which vectorises where the function allows it."""
 
     def __init__(self, assignment: Assignment, work: Workbench) -> None:
         self.assignment, self.work, self.sandbox = assignment, work, work.sandbox

@@ -46,9 +46,8 @@ def converged(program: Program, grid: int) -> tuple[np.ndarray, float]:
 def analytic_sphere(described: Description, facing: float, functions: "Functions") -> tuple[np.ndarray, np.ndarray]:
     """The picture of the unit sphere at the origin without any triangle: (H, W, 3), and the pixels with n.v >= `facing`.
 
-    Each pixel's ray through its centre meets the sphere in closed form; the point is its normal; the functions of the solution, in
-    double, shade it.
-    """
+    Each pixel's ray through its centre meets the sphere in closed form; the point is its normal; the functions of the
+    solution, in double, shade it."""
     width, height, eye = described.width, described.height, described.eye
     target, up = (np.array(described.camera[key], float) for key in ("target", "up"))
     ahead = unit(target - eye)

@@ -1,4 +1,5 @@
-"""The import closure of modules: the sources that a result rests on, found by reading them. A list would lose a module that moves."""
+"""The import closure of modules: the sources that a result rests on, found by reading them. A list would lose a module that
+moves."""
 
 import ast
 import re
@@ -10,11 +11,11 @@ from shadelab.paths import PACKAGE
 
 
 def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:
-    """The files of these modules and of all modules of the package that they import or start as a program, directly or through others.
+    """The files of these modules and of all modules of the package that they import or start as a program, directly or
+    through others.
 
-    `roots`: dotted names, "shadelab.machine.build". A program that a module starts is named in a string there ("-m", "shadelab.gl.client"). Raises
-    InfrastructureError for a name that has no file.
-    """
+    `roots`: dotted names, "shadelab.machine.build". A program that a module starts is named in a string there ("-m",
+    "shadelab.gl.client"). Raises InfrastructureError for a name that has no file."""
     found: dict[str, Path] = {}
     pending = list(roots)
     while pending:

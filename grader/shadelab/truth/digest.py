@@ -26,8 +26,8 @@ def digest(assignment: Assignment) -> str:
 
 
 def made_from(assignment: Assignment) -> Iterator[Path]:
-    """Those files. Raises an error for one that is missing, but for what need not be there: declarations that an assignment may do
-    without, and meshes, whose scenes are skipped then."""
+    """Those files. Raises an error for one that is missing, but for what need not be there: declarations that an assignment
+    may do without, and meshes, whose scenes are skipped then."""
     yield from import_closure(MAKER)
     yield from (DRIVER / name for name in FILES)
     yield from (FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt")

@@ -1,5 +1,5 @@
-"""Inputs at the ends of the domains, for stability: drawn over all of each, ends included, exactly on axes, along sweeps, and what
-stability.toml declares."""
+"""Inputs at the ends of the domains, for stability: drawn over all of each, ends included, exactly on axes, along sweeps,
+and what stability.toml declares."""
 
 from dataclasses import dataclass
 from typing import Any

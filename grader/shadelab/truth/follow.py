@@ -19,8 +19,8 @@ WAVES = 8
 
 
 class FollowedSolution:
-    """A solution (or a mistake: the solution with another body) in double, whose calls can be answered from records. What it asks without a
-    program of its own is for the student's code."""
+    """A solution (or a mistake: the solution with another body) in double, whose calls can be answered from records. What
+    it asks without a program of its own is for the student's code."""
 
     def __init__(self, assignment: Assignment, text: str, what: str = "the solution") -> None:
         self.assignment = assignment
@@ -34,7 +34,8 @@ class FollowedSolution:
         return {name: rows for name, rows in output.missing.items() if len(rows)}
 
     def with_recorded(self, function: Function, rows: np.ndarray, callees: list[Function]) -> Asking[np.ndarray | None]:
-        """What the function gives on these rows (float64) when the student's callees stand in for ours; None when these give nothing."""
+        """What the function gives on these rows (float64) when the student's callees stand in for ours; None when these
+        give nothing."""
         records = _empty(callees)
         for _ in range(WAVES):
             output = yield Evaluate(function, rows, program=self.program, records=records)

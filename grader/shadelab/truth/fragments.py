@@ -1,4 +1,5 @@
-"""What the framework calls while it draws a scene: rows of the models and of the function that gives the light, as fragments ask them."""
+"""What the framework calls while it draws a scene: rows of the models and of the function that gives the light, as
+fragments ask them."""
 
 import numpy as np
 
@@ -40,7 +41,8 @@ def recorded_rows(
 
 
 def to_light(assignment: Assignment, lights: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, 3): from the points x to the lights, (N, columns of Light) each; not unit. A light that has no position shines from afar."""
+    """(N, 3): from the points x to the lights, (N, columns of Light) each; not unit. A light that has no position shines
+    from afar."""
     light = named_arrays(assignment.structs["Light"].columns, lights)
     placed = np.array(["position" in kind.members for kind in assignment.light_kinds])[light["kind"].astype(int)]
     return np.where(placed[:, None], light["position"] - x, -light["direction"])

@@ -1,4 +1,5 @@
-"""The table that each function is judged by: inputs from the domains and from the scenes, their truth, and how far rounding moves it."""
+"""The table that each function is judged by: inputs from the domains and from the scenes, their truth, and how far rounding
+moves it."""
 
 import numpy as np
 

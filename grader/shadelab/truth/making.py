@@ -31,7 +31,8 @@ PUBLIC_SEED = 6837
 
 
 def load(assignment: Assignment, progress: Progress = lambda *_: None) -> Expected:
-    """The expected data: that of a release, or else made for the present solution and scenes unless it is there. Hidden scenes are drawn."""
+    """The expected data: that of a release, or else made for the present solution and scenes unless it is there. Hidden
+    scenes are drawn."""
     draw_hidden_scenes(assignment.hidden, assignment.directory, assignment.name)
     if (SHIPPED / assignment.name / "done").exists():
         return Expected(SHIPPED / assignment.name)

@@ -65,8 +65,8 @@ def largest_error(actual: np.ndarray, table: Table, members: list[slice]) -> tup
 
 
 def image_limit(truth: SceneTruth, floor: float) -> np.ndarray:
-    """FACTOR times what a shift of 1/16 pixel and the floor of the arithmetic make of each pixel; (H, W, 3) float32. One limit for
-    both languages: a picture is a picture."""
+    """FACTOR times what a shift of 1/16 pixel and the floor of the arithmetic make of each pixel; (H, W, 3) float32. One
+    limit for both languages: a picture is a picture."""
     size = np.abs(truth.total) + np.float32(SMALL_PIXEL * truth.scale)
     return np.float32(FACTOR) * (truth.noise[..., None] + np.float32(max(floor, LEAST_FLOOR["glsl"])) * size)
 

@@ -50,8 +50,8 @@ def draw_values(
     sample: Sampler | None = None,
     pinned: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
-    """Fills `drawn` by path. `sample` draws what is no direction of a hemisphere (default: the typical domain); `pinned` paths have
-    a constant."""
+    """Fills `drawn` by path. `sample` draws what is no direction of a hemisphere (default: the typical domain); `pinned`
+    paths have a constant."""
     # A hemisphere's normal is drawn before the directions that refer to it, wherever it stands in the argument list.
     for value in sorted(values, key=lambda v: v.domain.kind == "upper"):
         path = prefix + value.name
@@ -168,9 +168,9 @@ def renormalised(function: Function, rows: np.ndarray) -> np.ndarray:
 
 
 def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
-    """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any float32
-    computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; equal numbers of a row stay
-    equal, so that a spotlight without a ramp has none."""
+    """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any
+    float32 computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; equal
+    numbers of a row stay equal, so that a spotlight without a ramp has none."""
     rng = np.random.default_rng(JITTERS)
     whole = np.array([c.domain.type == "int" for c in function.inputs])
     size = np.where(whole, 0.0, units * 2.0**-23)
@@ -181,8 +181,8 @@ def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[n
 
 
 def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -> np.ndarray:
-    """(columns, 2, N, columns): the rows with one number at a time `units` of float32's last place larger, then smaller. As above, zeros
-    stay zero and equal numbers of a row move together."""
+    """(columns, 2, N, columns): the rows with one number at a time `units` of float32's last place larger, then smaller. As
+    above, zeros stay zero and equal numbers of a row move together."""
     columns = function.inputs
     first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)
     out = np.repeat(rows[None, None], 2, axis=1).repeat(len(columns), axis=0)

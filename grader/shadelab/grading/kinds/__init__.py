@@ -3,10 +3,10 @@
 NAME                    as in ids and result.json: cpp/NAME/item
 STAGE                   kinds of one stage are asked together; a stage begins when the one before it has its verdicts
 TOGETHER                whether the first questions of all checks of a stage are run together
-BOTH                    whether it is asked of the two languages together, at the end (under the last one's name, without points)
+BOTH                    whether it is asked of the two languages together, at the end (named by the last, without points)
 items(assignment)       what is checked: (name, points for both languages together, item)
-judge(plan, ledger)     a generator: yields Evaluate or Draw, is sent the Output, and returns the Check. Of BOTH kinds `ledger` is one for
-                        each language. What it may know of other checks stands in the ledger.
+judge(plan, ledger)     a generator: yields Evaluate or Draw, is sent the Output, and returns the Check. Of BOTH kinds
+                        `ledger` is one for each language. What it may know of other checks stands in the ledger.
 
 Nothing here runs anything: the scheduler does. A new kind is a module and a line of this list.
 """

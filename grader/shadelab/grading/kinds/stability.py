@@ -1,5 +1,5 @@
-"""A function that is right where scenes need it, at the ends of its domain: where students have points for it. The command `stability` shows
-every function."""
+"""A function that is right where scenes need it, at the ends of its domain: where students have points for it. The command
+`stability` shows every function."""
 
 import numpy as np
 

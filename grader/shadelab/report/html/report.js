@@ -1,5 +1,5 @@
 // The viewers: what the static pictures show, and every pixel's values beside it. Without this script the page lacks nothing
-// else. What html.py packed is unpacked when a viewer is opened.
+// else. What encoding.py packed is unpacked when a viewer is opened.
 "use strict";
 (() => {
   if (!("DecompressionStream" in window)) return;

@@ -1,5 +1,5 @@
-"""What an OpenGL driver computes itself, and how far that is off. An assignment in form only (beside this file): it is measured, and nobody
-writes it."""
+"""What an OpenGL driver computes itself, and how far that is off. An assignment in form only (beside this file): it is
+measured, and nobody writes it."""
 
 from pathlib import Path
 
