@@ -2,7 +2,7 @@
 
 #include "loaded_scene.hpp"
 
-#include "json.hpp"
+#include "text/json.hpp"
 
 #include <shadelab/describe.hpp>
 

@@ -2,7 +2,7 @@
 
 #include "commands.hpp"
 
-#include "json.hpp"
+#include "text/json.hpp"
 
 #include <shadelab/error.hpp>
 #include <shadelab/plugin_library.hpp>

@@ -1,7 +1,7 @@
 // Clipping against near, far and guard planes, and projection onto the sub-pixel grid.
 #include "support.hpp"
 
-#include "rasterize.hpp"
+#include "raster/rasterize.hpp"
 
 #include <catch2/catch.hpp>
 

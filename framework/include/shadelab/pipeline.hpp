@@ -10,8 +10,8 @@
 //   5  only what is visible is interpolated, in batches of one material (structure of arrays)
 //   6  the student's function shades a batch, one light at a time: I(a + b) = I(a) + I(b)
 //
-// The code stands in bin.cpp (1 to 3), rasterize.cpp and visibility.cpp (2 and 4), fragments.cpp (5) and draw.cpp (6 and the
-// frame as a whole); docs/rasterizer.md says why it is fast.
+// The code stands in src/raster: bin.cpp (1 to 3), rasterize.cpp and visibility.cpp (2 and 4), fragments.cpp (5); and in
+// src/frame/draw.cpp (6 and the frame as a whole). docs/rasterizer.md says why it is fast.
 //
 // Conventions are OpenGL's: clip space with z in [-w, w], window y upwards, pixel centres at half-integers, depth in [0, 1],
 // nearer is smaller. Only Film counts rows from the top. Coverage is decided in integers, so that two triangles that share an

@@ -1,4 +1,4 @@
-#include "toml_reader.hpp"
+#include "text/toml_reader.hpp"
 
 #include <algorithm>
 #include <cmath>

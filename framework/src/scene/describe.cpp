@@ -1,6 +1,6 @@
 #include <shadelab/describe.hpp>
 
-#include "json.hpp"
+#include "text/json.hpp"
 
 #include <algorithm>
 

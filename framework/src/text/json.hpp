@@ -2,7 +2,7 @@
 // JSON, for all that the framework writes in it: tables of toml++, which escapes texts and writes numbers so that they come
 // back as they were. What JSON cannot say (NaN, infinity) becomes a text that Python's float() takes.
 
-#include "toml_reader.hpp"
+#include "text/toml_reader.hpp"
 
 #include <glm/glm.hpp>
 

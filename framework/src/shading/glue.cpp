@@ -3,7 +3,7 @@
 #include <shadelab/describe.hpp>
 #include <shadelab/error.hpp>
 
-#include "templates.hpp"
+#include "text/templates.hpp"
 
 #include <algorithm>
 #include <fstream>

@@ -1,5 +1,5 @@
 // Which compiled version of the stages runs: the best that the processor has, or what SHADELAB_LEVEL names.
-#include "levels.hpp"
+#include "frame/levels.hpp"
 
 #include <shadelab/error.hpp>
 

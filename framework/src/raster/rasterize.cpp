@@ -1,9 +1,9 @@
 // Stages 2 and 4: clipping, projection, and which triangle each sample sees.
 #include <shadelab/pipeline.hpp>
 
-#include "lanes.hpp"
-#include "rasterize.hpp"
-#include "stages.hpp"
+#include "raster/lanes.hpp"
+#include "raster/rasterize.hpp"
+#include "raster/stages.hpp"
 
 #include <algorithm>
 #include <cmath>

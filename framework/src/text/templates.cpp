@@ -1,4 +1,4 @@
-#include "templates.hpp"
+#include "text/templates.hpp"
 
 #include <shadelab/error.hpp>
 

@@ -2,7 +2,7 @@
 
 #include <shadelab/glue.hpp>
 
-#include "json.hpp"
+#include "text/json.hpp"
 
 #include <algorithm>
 #include <fstream>

@@ -1,7 +1,7 @@
 // The frame as a whole, and stage 6: the student's function and the film.
-#include "levels.hpp"
-#include "rasterize.hpp"
-#include "stages.hpp"
+#include "frame/levels.hpp"
+#include "raster/rasterize.hpp"
+#include "raster/stages.hpp"
 
 #include <shadelab/error.hpp>
 

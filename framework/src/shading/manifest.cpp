@@ -1,6 +1,6 @@
 #include <shadelab/manifest.hpp>
 
-#include "toml_reader.hpp"
+#include "text/toml_reader.hpp"
 
 #include <algorithm>
 #include <cmath>

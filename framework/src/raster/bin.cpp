@@ -1,6 +1,6 @@
 // Stages 1 to 3: vertices to the screen, triangles to the tiles that they touch.
-#include "rasterize.hpp"
-#include "stages.hpp"
+#include "raster/rasterize.hpp"
+#include "raster/stages.hpp"
 
 #include <omp.h>
 

@@ -1,6 +1,6 @@
 // Stage 4 for a tile, and the fragments that it leaves to stage 5.
-#include "rasterize.hpp"
-#include "stages.hpp"
+#include "raster/rasterize.hpp"
+#include "raster/stages.hpp"
 
 #include <algorithm>
 

@@ -1,6 +1,6 @@
 // Stage 5: what is visible is interpolated, and nothing else.
-#include "lanes.hpp"
-#include "stages.hpp"
+#include "raster/lanes.hpp"
+#include "raster/stages.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,6 +1,6 @@
 #include <shadelab/scene.hpp>
 
-#include "toml_reader.hpp"
+#include "text/toml_reader.hpp"
 
 #include <glm/gtc/matrix_transform.hpp>
 
