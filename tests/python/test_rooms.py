@@ -103,3 +103,15 @@ def _outside(module: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module.split(".")[0])
     return found
+
+
+def test_a_class_has_a_name_of_its_own():
+    """One name means one thing, in the whole package."""
+    names = [
+        (node.name, module)
+        for module, tree in modules().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
+    twice = {name: [m for n, m in names if n == name] for name, _ in names}
+    assert names and {n: where for n, where in twice.items() if len(where) > 1} == {}

@@ -25,7 +25,7 @@ class Look(Declared):
         return SOLUTION / self.assignment
 
 
-class View(Declared):
+class Viewpoint(Declared):
     eye: list[float]
     target: list[float]
 
@@ -50,7 +50,7 @@ class Declaration(Declared):
     full: list[Place]
     threads: list[Place]
     look: list[Look]
-    view: dict[str, View] = {}
+    view: dict[str, Viewpoint] = {}
     supersampling: Supersampling
 
     def look_named(self, name: str) -> Look:

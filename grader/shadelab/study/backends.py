@@ -16,7 +16,7 @@ from shadelab.measure.timing import geometric_mean, interleaved
 from shadelab.paths import shown
 from shadelab.study.declaration import Study
 from shadelab.study.points import Part, Point
-from shadelab.study.timing import Program, Workbench
+from shadelab.study.timing import Drawer, Workbench
 
 SERIES = ["cpp-float", "cpp-float-full", "cpp-double", "glsl", "glsl-full"]
 LANGUAGES = {"C++": ("cpp-float", "cpp-float-full"), "GLSL": ("glsl", "glsl-full")}  # what is needed, and everything
@@ -60,7 +60,7 @@ def _measure_scene(
 ) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
     """Images and times by series; the image "reference" is the solution's in double."""
     with ExitStack() as stack:
-        programs: dict[str, Program] = {
+        programs: dict[str, Drawer] = {
             "cpp-float": stack.enter_context(work.cpp(scene.file, assignment, loops)),
             "cpp-float-full": stack.enter_context(work.cpp(scene.file, assignment, loops, full=True)),
             "glsl": stack.enter_context(work.glsl(scene.file, assignment)),

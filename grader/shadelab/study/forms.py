@@ -75,7 +75,7 @@ class Order(Declared):
     over: tuple[float, float]  # where it is the largest part of the error
 
 
-class Panel(Declared):
+class FormsPanel(Declared):
     """Forms of one function over one knob."""
 
     name: str
@@ -96,7 +96,7 @@ class Panel(Declared):
     orders: list[Order] = []
 
     @model_validator(mode="after")
-    def _known(self) -> "Panel":
+    def _known(self) -> "FormsPanel":
         if any(not isinstance(knob.get(self.x), int | float) for knob in self.knobs):
             raise ValueError(f"each of knobs needs a number {self.x}")
         known = [form.label for form in self.forms]
@@ -111,7 +111,7 @@ class Forms(Declared):
 
     code: str  # a folder beside the declaration, or an assignment
     rows: int = Field(512, ge=16, le=65536)  # inputs per setting
-    panel: list[Panel] = Field(min_length=1)
+    panel: list[FormsPanel] = Field(min_length=1)
 
     @property
     def folder(self) -> Path:
@@ -151,7 +151,7 @@ def measure_forms(study: Study, forms: Forms, work: Workbench, name: str, timed:
 
 
 def _points(
-    panel: Panel, precision: str, code: "_Code", rows: int, seed: int, skipped: list[str]
+    panel: FormsPanel, precision: str, code: "_Code", rows: int, seed: int, skipped: list[str]
 ) -> Iterator[tuple[Point, Callable[[], float] | None]]:
     """The points, with what measures their time; what cannot be shown goes to `skipped`."""
     reasons: dict[str, list[str]] = {}  # why: at which x
@@ -187,7 +187,7 @@ def deviation(value: np.ndarray, truth: np.ndarray, measure: str) -> dict[str, f
 
 
 def draw_inputs(
-    assignment: Assignment, panel: Panel, knob: Knob, dtype: type, rows: int, seed: int
+    assignment: Assignment, panel: FormsPanel, knob: Knob, dtype: type, rows: int, seed: int
 ) -> tuple[Arrays, np.ndarray]:
     """What the panel's functions take, rounded to `dtype`, and the truth. Directions lie in the lobe: h so near to
     n that the truth is at least IN_LOBE of its peak. Raises OverflowError for a knob that `dtype` cannot hold."""
@@ -340,7 +340,7 @@ class _Code:
 # --------------------------------------------------------------------------------------------------- conclusions
 
 
-def _conclude(study: Study, panel: Panel, precision: str, part: Part) -> None:
+def _conclude(study: Study, panel: FormsPanel, precision: str, part: Part) -> None:
     def series(label: str) -> dict[float, Point]:
         return {p.knob[panel.x]: p for p in part.points if p.series == label}
 

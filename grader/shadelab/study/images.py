@@ -12,7 +12,7 @@ from shadelab.machine.build import DOUBLE
 from shadelab.machine.renderer import Description
 from shadelab.machine.sandbox import Sandbox
 from shadelab.measure.images import image_error
-from shadelab.study.timing import Program, Workbench
+from shadelab.study.timing import Drawer, Workbench
 from shadelab.truth.fragments import unit
 
 
@@ -25,7 +25,7 @@ def small_size(described: Description, longest: int) -> str:
 ONE_FRAME = 16  # samples along a side of a pixel that the reference's frames have; shifts make them more
 
 
-def converged(program: Program, grid: int) -> tuple[np.ndarray, float]:
+def converged(program: Drawer, grid: int) -> tuple[np.ndarray, float]:
     """The mean over grid x grid regular samples a pixel, and an upper estimate of its own error.
 
     `program` draws ONE_FRAME x ONE_FRAME of them at once; frames shifted by parts of their spacing fill the rest. The error: the

@@ -24,7 +24,7 @@ from shadelab.paths import SCENES
 from shadelab.study.declaration import Interpolation, Study, declared_scene
 from shadelab.study.images import Functions, analytic_sphere
 from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
-from shadelab.study.timing import Program, Workbench
+from shadelab.study.timing import Drawer, Workbench
 
 KINDS = {
     "flat": {"normals": "flat"},
@@ -78,7 +78,7 @@ def measure_interpolation(study: Study, spec: Interpolation, work: Workbench, na
     described = renderer.describe(file, assignment.directory)
     truth, facing = analytic_sphere(described, spec.facing, Functions(work, assignment))
     with ExitStack() as stack:
-        programs: dict[tuple[str, int], Program] = {}
+        programs: dict[tuple[str, int], Drawer] = {}
         for key, scene in scenes.items():
             work.progress("loading", len(programs), len(scenes))
             programs[key] = stack.enter_context(work.cpp(scene, assignment, work.needs(scene, assignment).loops))

@@ -25,7 +25,7 @@ from shadelab.paths import ROOT, shown
 from shadelab.study.declaration import Sampling, Study
 from shadelab.study.images import ONE_FRAME, converged, small_size
 from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
-from shadelab.study.timing import UNMOVED, Program, Shift, Workbench
+from shadelab.study.timing import UNMOVED, Drawer, Shift, Workbench
 
 EXPECTED = {"random": ("-1/2", -0.5), "stratified": ("-3/4 at edges to -1 where smooth", -0.75)}
 
@@ -59,7 +59,7 @@ def measure_sampling(study: Study, spec: Sampling, work: Workbench, scene: Path,
         truth, reference_error = converged(program, spec.reference)
     errors: dict[tuple[str, int], list[dict[str, float]]] = {}
 
-    def measure(key: tuple[str, int], program: Program, shifts: Callable[[], list[Shift]]) -> float:
+    def measure(key: tuple[str, int], program: Drawer, shifts: Callable[[], list[Shift]]) -> float:
         drawn = program.draw(shifts())
         errors.setdefault(key, []).append(image_error(drawn.image, truth))
         return drawn.seconds

@@ -40,7 +40,7 @@ class DrawnFrames:
     image: np.ndarray | None  # their mean, (H, W, 3) float64
 
 
-class Program(Protocol):
+class Drawer(Protocol):
     def draw(self, shifts: Sequence[Shift] = (UNMOVED,), image: bool = True) -> DrawnFrames:
         """A frame for each shift."""
 
@@ -161,7 +161,7 @@ class Workbench:
         full: bool = False,
         view: renderer.View = renderer.AS_IT_IS,
         ours: bool = False,
-    ) -> Iterator[Program]:
+    ) -> Iterator[Drawer]:
         """C++ with what the scene needs (`loops`), or with everything. `ours`: the solution's code, whoever is measured."""
         student = None if ours else self.student
         lean = Recipe(double, functions=False, loops=tuple(sorted(loops)), terms=False)
@@ -176,7 +176,7 @@ class Workbench:
                 yield Standing(resident, self.folder / "frame.npy")
 
     @contextmanager
-    def glsl(self, scene: Path, assignment: Assignment, full: bool = False) -> Iterator[Program]:
+    def glsl(self, scene: Path, assignment: Assignment, full: bool = False) -> Iterator[Drawer]:
         view = renderer.View(full=full)
         if not self.student:
             with self.stand.opengl(scene, assignment.directory, view) as resident:

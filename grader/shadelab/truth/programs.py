@@ -48,21 +48,24 @@ class ProgramImages:
 
 
 @dataclass(frozen=True)
-class Program:
+class CorrectProgram:
     name: str
     change: Change | None  # of the solution
     backend: str
     fused: bool = False  # multiplications and additions
 
 
-def correct_programs(changes: Changes) -> list[Program]:
-    out = [Program(f"{PLAIN}, C++", None, "cpp"), Program(f"{PLAIN}, fused multiply-add", None, "cpp", True)]
-    out.append(Program(f"{PLAIN}, GLSL", None, "glsl"))
-    return out + [Program(f"{v.id}, {name}", v, b) for v in changes.variant for b, name in BACKENDS.items()]
+def correct_programs(changes: Changes) -> list[CorrectProgram]:
+    out = [
+        CorrectProgram(f"{PLAIN}, C++", None, "cpp"),
+        CorrectProgram(f"{PLAIN}, fused multiply-add", None, "cpp", True),
+    ]
+    out.append(CorrectProgram(f"{PLAIN}, GLSL", None, "glsl"))
+    return out + [CorrectProgram(f"{v.id}, {name}", v, b) for v in changes.variant for b, name in BACKENDS.items()]
 
 
 def run_program(
-    workshop: Workshop, program: Program, tables: dict[str, Table], scenes: list[Scene], loops: tuple[str, ...], spread: Spread
+    workshop: Workshop, program: CorrectProgram, tables: dict[str, Table], scenes: list[Scene], loops: tuple[str, ...], spread: Spread
 ) -> ProgramImages:  # fmt: skip
     """One correct program: adds to the spread of the functions, and draws the scenes."""
     with workshop.step(program.name):
