@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <stdexcept>
 #include <string>
 
 namespace shadelab::testing {
@@ -55,6 +56,13 @@ public:
 private:
     std::filesystem::path path_;
 };
+
+/// `text` with one part replaced, in its first occurrence.
+inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
+    const size_t at = text.find(from);
+    if (at == std::string::npos) throw std::logic_error("a test replaces what is not there: " + from);
+    return text.replace(at, from.size(), to);
+}
 
 // What interface.toml declares, for scenes and plugins by hand.
 inline constexpr int point = 0, directional = 1, spot = 2;

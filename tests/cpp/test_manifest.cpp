@@ -59,13 +59,6 @@ Manifest load(const std::string& text) {
     return load_manifest(folder / "small", interface);
 }
 
-std::string changed(const std::string& from, const std::string& to) {
-    std::string text = good;
-    const size_t at = text.find(from);
-    REQUIRE(at != std::string::npos);
-    return text.replace(at, from.size(), to);
-}
-
 }  // namespace
 
 TEST_CASE("a manifest becomes functions, columns, gates and scenes") {
@@ -157,7 +150,7 @@ TEST_CASE("every mistake in a manifest is one line with file, line and key") {
     for (const auto& example : examples) {
         CAPTURE(example.from, example.to);
         try {
-            load(changed(example.from, example.to));
+            load(replaced(good, example.from, example.to));
             FAIL_CHECK("no error");
         } catch (const InputError& error) {
             const std::string message = error.what();

@@ -113,14 +113,6 @@ int line_of(const std::string& text, const std::string& part) {
     return 1 + int(std::count(text.begin(), text.begin() + long(at), '\n'));
 }
 
-/// `good` with one part replaced (its first occurrence).
-std::string changed(const std::string& from, const std::string& to) {
-    std::string text = good;
-    const size_t at = text.find(from);
-    REQUIRE(at != std::string::npos);
-    return text.replace(at, from.size(), to);
-}
-
 }  // namespace
 
 TEST_CASE("a scene file becomes radians, unit directions and numbers in the manifest's order") {
@@ -177,10 +169,10 @@ TEST_CASE("what a scene file does not say has a default") {
     CHECK(scene.camera.up == glm::dvec3(0, 1, 0));
     CHECK(scene.camera.fov_y == Approx(glm::radians(40.0)).epsilon(1e-15));
     CHECK((scene.lights.empty() && scene.materials.empty() && scene.objects.empty()));
-    CHECK(load(changed("samples = 4", "samples = 64")).film.samples == 64);
-    CHECK(load(changed("hotspot = 15", "hotspot = 30")).lights[2].hotspot ==
+    CHECK(load(replaced(good, "samples = 4", "samples = 64")).film.samples == 64);
+    CHECK(load(replaced(good, "hotspot = 15", "hotspot = 30")).lights[2].hotspot ==
           load(good).lights[2].falloff);  // equal is allowed
-    CHECK(load(changed("eye = [0, 1, 5]", "eye = [0, 1, -5.5e3]")).camera.eye.z == -5500);
+    CHECK(load(replaced(good, "eye = [0, 1, 5]", "eye = [0, 1, -5.5e3]")).camera.eye.z == -5500);
     CHECK(load(good + "\n# the end").objects.size() == 2);
     std::string windows = good;
     for (size_t at = 0; (at = windows.find('\n', at)) != std::string::npos; at += 2) windows.replace(at, 1, "\r\n");
@@ -190,7 +182,7 @@ TEST_CASE("what a scene file does not say has a default") {
 TEST_CASE("a grid makes equal lights that differ in position") {
     const Scene plain = load(good);
     const std::string grid = "falloff = 30\ngrid = { columns = 3, across = [0.5, 0, 0], rows = 2, up = [0, 0, -2] }";
-    const Scene scene = load(changed("falloff = 30", grid));
+    const Scene scene = load(replaced(good, "falloff = 30", grid));
     REQUIRE(scene.lights.size() == plain.lights.size() + 5);
     for (int k = 0; k < 6; ++k) {
         Light expected = plain.lights[2];
@@ -200,9 +192,9 @@ TEST_CASE("a grid makes equal lights that differ in position") {
     }
     CHECK((!plain.lights[2].grid && plain.lights[2].entry == 2));
 
-    CHECK_THAT(error_of(changed("falloff = 30", "falloff = 30\ngrid = { columns = 0 }")),
+    CHECK_THAT(error_of(replaced(good, "falloff = 30", "falloff = 30\ngrid = { columns = 0 }")),
                Contains("light[2].grid.columns: must be at least 1 and at most 1000, not 0"));
-    CHECK_THAT(error_of(changed("falloff = 30", "falloff = 30\ngrid = { colums = 2 }")),
+    CHECK_THAT(error_of(replaced(good, "falloff = 30", "falloff = 30\ngrid = { colums = 2 }")),
                Contains("light[2].grid.colums: unknown key; did you mean \"columns\"?"));
 }
 
@@ -243,8 +235,8 @@ TEST_CASE("a scene far from the world's origin is the same scene about the camer
     // Not far for a camera that is 5 away from its target; nor where the target or the eye is near 0.
     const Scene near = moved(glm::dvec3(1000));
     CHECK((near.origin == glm::dvec3(0) && near.camera.target == glm::dvec3(1000)));
-    CHECK(load(changed("eye = [0, 1, 5]", "eye = [0, 1, 1e8]")).origin == glm::dvec3(0));
-    CHECK(load(changed("target = [0, 0, 0]", "target = [0, 0, -1e8]")).origin == glm::dvec3(0));
+    CHECK(load(replaced(good, "eye = [0, 1, 5]", "eye = [0, 1, 1e8]")).origin == glm::dvec3(0));
+    CHECK(load(replaced(good, "target = [0, 0, 0]", "target = [0, 0, -1e8]")).origin == glm::dvec3(0));
 }
 
 TEST_CASE("a mesh file with large coordinates of its own comes back before the camera") {
@@ -388,7 +380,7 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
         {"material = \"clay\"", "material = \"cl\\nay\"", "object[0].material", "no [material."},
     };
     for (const auto& example : examples) {
-        const std::string text = changed(example.from, example.to), message = error_of(text);
+        const std::string text = replaced(good, example.from, example.to), message = error_of(text);
         CAPTURE(example.from, example.to, message);
         REQUIRE_THAT(message, Catch::Matchers::StartsWith("scene.toml:"));
         CHECK_THAT(message, Contains(example.says));
@@ -432,12 +424,12 @@ TEST_CASE("what is missing from a scene file is named, with the line of the tabl
         {"degrees = 90\n", "object[0].rotate.degrees", "[object.rotate]"},
     };
     for (const auto& example : examples) {
-        const std::string text = changed(example.part, ""), message = error_of(text);
+        const std::string text = replaced(good, example.part, ""), message = error_of(text);
         CAPTURE(example.part);
         CHECK_THAT(message, Catch::Matchers::StartsWith("scene.toml:" + std::to_string(line_of(text, example.table)) +
                                                         ": " + example.key + ": is missing"));
     }
-    CHECK_THAT(error_of(changed("falloff = 30\n", "")), Contains("light[2].falloff: is missing"));
+    CHECK_THAT(error_of(replaced(good, "falloff = 30\n", "")), Contains("light[2].falloff: is missing"));
 
     const size_t camera = good.find("[camera]"), light = good.find("[[light]]");
     const std::string without = good.substr(0, camera) + good.substr(light);
