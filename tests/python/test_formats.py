@@ -494,7 +494,7 @@ def test_annotations_are_few_and_escaped():
 
 def test_write_replaces_the_whole_file(tmp_path: Path):
     names = {"gradescope": "results.json", "classroom50": "classroom50.json", "junit": "junit.xml", "markdown": "summary.md"}  # fmt: skip
-    assert {name: made.file for name, made in FORMATS.items()} == names
+    assert names.items() <= {name: made.file for name, made in FORMATS.items()}.items()
     for name, file in names.items():
         for result in (cut_off(), hostile()):
             assert write_format(name, result, tmp_path) == tmp_path / file

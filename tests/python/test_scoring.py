@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -9,13 +10,17 @@ import pytest
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.mistakes import regions, with_bodies
+from shadelab.evidence.tasks import Evaluate
+from shadelab.grading import kinds, planning
 from shadelab.grading.grade import grade
+from shadelab.grading.kinds import image
 from shadelab.grading.planning import plan_checks
 from shadelab.grading.worst import write_worst_inputs
 from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
 from shadelab.judge.functions import judge_function
 from shadelab.report.formats.registry import FORMATS, write_format
 from shadelab.report.html.page import write_html
+from shadelab.result import Worst
 from shadelab.truth.expected import Table
 
 PHONG = load_assignment(ROOT / "solution" / "phong")
@@ -140,8 +145,7 @@ def test_nothing_tells_the_seed(gradings, small):
     assert SEED not in assignment.hidden.seed_digest and len(assignment.hidden.seed_digest) >= 16
     files = [f for f in folder.rglob("*") if f.is_file()]
     assert {"result.json", "report.html"} < {f.name for f in files}
-    reports = [f for f in files if f.parent == folder and f.suffix in (".json", ".xml", ".md")]
-    assert len(reports) == 1 + len(FORMATS)
+    assert {made.file for made in FORMATS.values()} <= {f.name for f in files if f.parent == folder}
     for file in files:
         assert SEED.encode() not in file.read_bytes(), file.name
 
@@ -165,3 +169,42 @@ def test_a_graded_folder_holds_no_picture_of_a_hidden_scene_unless_asked(grading
         {"cpp/image/knot", "glsl/image/knot"},
         {"cpp/image/knot", "glsl/image/knot", "cpp/image/hidden-knots", "glsl/image/hidden-knots"},
     ]
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_new_kind_of_check_is_a_module_and_a_line_of_a_list(small, together, monkeypatch, tmp_path):
+    """One that evaluates beside those that draw, with a worst input: grading and all reports know what to do with it."""
+    kind = ModuleType("repeat")
+    kind.NAME, kind.STAGE, kind.TOGETHER, kind.DRAWS, kind.REPLAY, kind.BOTH = (
+        "repeat",
+        image.STAGE,
+        together,
+        False,
+        "",
+        False,
+    )
+    kind.items = lambda assignment: [(f.name, 0.0, f) for f in assignment.functions if f.name == "half_vector"]
+
+    def judge(plan, ledger):
+        rows = ledger.expected.table(plan.item).rows
+        one = yield Evaluate(plan.item, rows)
+        two = yield Evaluate(plan.item, rows)
+        assert one.array is not None and np.array_equal(one.array, two.array)
+        check = plan.check("failed", "is the same twice")
+        check.worst = Worst(inputs={"n": [0.0, 0.0, 1.0]}, expected=[1.0], actual=[2.0])
+        return check
+
+    kind.judge = judge
+    monkeypatch.setattr(kinds, "KINDS", [*kinds.KINDS, kind])
+    monkeypatch.setattr(planning, "KINDS", kinds.KINDS)
+    assignment, submission = small
+    grading = grade(assignment, submission, tmp_path, only="*/[ir][me]*/*[hk][an][lo]*")
+    write_worst_inputs(assignment, grading.result, submission, tmp_path)
+    found = {c.id: c for c in grading.result.checks}
+    for backend in ("cpp", "glsl"):
+        repeated, drawn = found[f"{backend}/repeat/half_vector"], found[f"{backend}/image/knot"]
+        assert (repeated.status, repeated.message, repeated.worst.replay) == ("failed", "is the same twice", "")
+        assert drawn.status == "failed" and "of the interior pixels" in drawn.message  # drawn, and judged
+    write_html(grading.result, grading.pictures, tmp_path / "report.html", assignment.title)
+    for text in [(tmp_path / "report.html").read_text(), *(made.text(grading.result) for made in FORMATS.values())]:
+        assert "is the same twice" in text or "repeat" in text

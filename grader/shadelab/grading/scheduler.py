@@ -14,7 +14,7 @@ from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.glsl import GlslRunner
 from shadelab.evidence.programs import Programs
 from shadelab.evidence.tasks import BuildError, Draw, Evaluate, Output, Task
-from shadelab.grading.kinds import KINDS
+from shadelab.grading.kinds import kind_of
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import Build
@@ -23,7 +23,6 @@ from shadelab.machine.sandbox import Sandbox
 from shadelab.result import Check
 
 Record = Callable[[Check, str | None], None]  # and the OpenGL driver, once it is known
-_modules = {kind.NAME: kind for kind in KINDS}
 
 
 class Student:
@@ -53,9 +52,10 @@ class Student:
                 build.result()
 
     def answers(self, tasks: list[Task]) -> Iterator[Output]:
-        """Of tasks of one kind."""
-        runner = self.drawer if tasks and isinstance(tasks[0], Draw) else self.runner
-        return (output for _, output in runner.run(tasks))
+        if self.backend == "glsl":  # one program for both; and the client knows this very list again
+            return (output for _, output in self.runner.run(tasks))
+        alike = [(draws, list(group)) for draws, group in groupby(tasks, lambda task: isinstance(task, Draw))]
+        return (output for draws, group in alike for _, output in (self.drawer if draws else self.runner).run(group))
 
     def answer(self, task: Task) -> Output:
         if task.program is not None and (self.backend == "cpp" or isinstance(task, Evaluate)):
@@ -85,10 +85,10 @@ class Chain:
     def _run(self) -> None:
         build, *plans = self.plans
         stages = [list(group) for _, group in groupby(sorted(plans, key=_stage), key=_stage)]
-        first = self._begun(stages.pop(0)) if stages and _modules[stages[0][0].kind].TOGETHER else []
+        first = self._begun(stages.pop(0)) if stages and _together(stages[0][0]) else []
         tasks = [begun.question for begun in first]  # this very list: OpenGL compiles and answers in one process
         try:
-            failure = self._build(tasks, any(plan.kind == "image" for plan in plans))
+            failure = self._build(tasks, any(kind_of(plan).DRAWS for plan in plans))
         except InfrastructureError as error:
             self._fail(error, self.plans)
             return
@@ -100,7 +100,7 @@ class Chain:
             return
         self._ask_together(first, tasks)
         for stage in stages:
-            if _modules[stage[0].kind].TOGETHER:
+            if _together(stage[0]):
                 begun = self._begun(stage)
                 self._ask_together(begun, [one.question for one in begun])
             else:
@@ -171,15 +171,20 @@ class Begun:
 
     @classmethod
     def of(cls, plan: Plan, ledger: Ledger) -> "Begun | Check":
-        asking = _modules[plan.kind].judge(plan, ledger)
+        asking = kind_of(plan).judge(plan, ledger)
         try:
             return cls(plan, asking, next(asking))
         except StopIteration as end:
             return end.value
 
 
-def _stage(plan: Plan) -> int:
-    return _modules[plan.kind].STAGE
+def _stage(plan: Plan) -> tuple[int, bool]:
+    """Within a stage first what is asked together, then the others one by one."""
+    return kind_of(plan).STAGE, not _together(plan)
+
+
+def _together(plan: Plan) -> bool:
+    return kind_of(plan).TOGETHER
 
 
 def judge_both(plan: Plan, ledgers: dict[str, Ledger]) -> Check:

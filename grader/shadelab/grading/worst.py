@@ -7,6 +7,7 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, find_assignment, named_arrays
 from shadelab.errors import UserError
+from shadelab.grading.kinds import kind_of
 from shadelab.paths import shown
 from shadelab.result import Result
 
@@ -22,16 +23,17 @@ def write_worst_inputs(assignment: Assignment, result: Result, submission: Path,
         if check.worst is None:
             continue
         name = check.id.split("/")[-1]
-        if check.kind in ("function", "parity", "stability"):
+        how = kind_of(check).REPLAY
+        if how == "eval":
             (out / "worst").mkdir(exist_ok=True)
-            kind = "-stability" if check.kind == "stability" else ""
+            kind = f"-{check.kind}" if check.kind not in ("function", "parity") else ""  # of these two one fails alone
             file = out / "worst" / f"{check.backend}-{name}{kind}.npz"
             columns = assignment.function(name).inputs
             inputs = {name: check.worst.inputs[name] for name in dict.fromkeys(c.path for c in columns)}
             flat = [float(v) for values in inputs.values() for v in values]
             np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
             command = ["eval", shown(submission), name, "--backend", check.backend, "--inputs", shown(file), *named]
-        else:
+        elif how == "render":
             scene = next(s for s in assignment.scenes if s.name == name)
             image = shown(out / f"{check.backend}-{name}.png")
             command = [
@@ -44,5 +46,7 @@ def write_worst_inputs(assignment: Assignment, result: Result, submission: Path,
                 "-o",
                 image,
             ]
+        else:
+            continue
         check.worst.replay = shlex.join(["./shadelab", *command])
     result.write(out / "result.json")

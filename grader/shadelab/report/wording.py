@@ -6,8 +6,8 @@ from typing import Any
 from shadelab.result import Check, Result
 from shadelab.words import BACKENDS, FILES, number, plain
 
-# In the order in which data flows: what comes first is to be mended first.
-KINDS = {
+# In the order in which data flows: what comes first is to be mended first. A kind that has no title here goes by its name.
+TITLES = {
     "build": "Build", "function": "Functions", "image": "Images", "parity": "Parity", "stability": "Stability",
     "custom": "Further checks", "runtime": "Run time",
 }  # fmt: skip
@@ -82,9 +82,14 @@ def _in_brackets(value: Any) -> str:
 # --- What to say first ---
 
 
+def kinds_of(result: Result) -> dict[str, str]:
+    """All kinds in data-flow order, with their titles; kinds that nobody has titled come last."""
+    return TITLES | {c.kind: c.kind.capitalize() for c in result.checks if c.kind not in TITLES}
+
+
 def in_order(result: Result, *statuses: str) -> list[Check]:
     """The checks of these statuses in data-flow order, the two backends' checks of one thing side by side."""
-    kinds, names = list(KINDS), list(dict.fromkeys(label(c) for c in result.checks))
+    kinds, names = list(kinds_of(result)), list(dict.fromkeys(label(c) for c in result.checks))
     chosen = [c for c in result.checks if c.status in statuses]
     return sorted(chosen, key=lambda c: (kinds.index(c.kind), names.index(label(c))))
 

@@ -10,6 +10,8 @@ from shadelab.result import Check
 NAME = "build"
 STAGE = 0
 TOGETHER = True
+DRAWS = False
+REPLAY = ""
 BOTH = False
 
 

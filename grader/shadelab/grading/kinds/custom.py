@@ -20,6 +20,8 @@ from shadelab.truth.expected import TERM_CHANNELS, with_callees
 NAME = "custom"
 STAGE = 3
 TOGETHER = False  # the child runs one after the other
+DRAWS = False
+REPLAY = ""
 BOTH = False
 
 STUDENT_SECONDS = 60.0  # of one check; each single run has its own limit besides

@@ -19,6 +19,8 @@ from shadelab.words import listed
 NAME = "function"
 STAGE = 1
 TOGETHER = True
+DRAWS = False
+REPLAY = "eval"
 BOTH = False
 
 

@@ -15,6 +15,8 @@ from shadelab.words import listed
 NAME = "image"
 STAGE = 2  # functions first: a scene whose model never ends would only use up the time again
 TOGETHER = True
+DRAWS = True
+REPLAY = "render"
 BOTH = False
 
 

@@ -10,6 +10,8 @@ from shadelab.result import Check
 NAME = "parity"
 STAGE = 4
 TOGETHER = True
+DRAWS = False
+REPLAY = "eval"
 BOTH = True
 
 

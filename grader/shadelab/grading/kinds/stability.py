@@ -24,6 +24,8 @@ from shadelab.truth.expected import with_callees
 NAME = "stability"
 STAGE = 1
 TOGETHER = True
+DRAWS = False
+REPLAY = "eval"
 BOTH = False
 
 

@@ -17,13 +17,13 @@ from typing import Any
 
 from shadelab.report.formats import short
 from shadelab.report.formats.markdown import details, inline
-from shadelab.report.wording import KINDS, OUR_FAULT, STATUS, in_order
+from shadelab.report.wording import OUR_FAULT, STATUS, in_order, kinds_of
 from shadelab.result import Check, Result
 from shadelab.words import points
 
 
 def results(result: Result) -> str:
-    kinds, counts = list(KINDS), Counter()
+    kinds, counts = list(kinds_of(result)), Counter()
     tests = []
     for check in in_order(result, *STATUS):
         counts[check.kind] += 1

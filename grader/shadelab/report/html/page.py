@@ -13,7 +13,17 @@ from shadelab.grading.pictures import Pictures
 from shadelab.report.html.illustrations import illustrate
 from shadelab.report.html.pictures import RAMP
 from shadelab.report.html.plot import plots
-from shadelab.report.wording import KINDS, STATUS, SYMBOLS, compared, components, first_step, in_order, label, waits_for
+from shadelab.report.wording import (
+    STATUS,
+    SYMBOLS,
+    compared,
+    components,
+    first_step,
+    in_order,
+    kinds_of,
+    label,
+    waits_for,
+)
 from shadelab.result import Check, Result
 from shadelab.words import BACKENDS, FILES, number, number_short, plain, points
 
@@ -116,7 +126,7 @@ def _backends(result: Result) -> list[dict[str, Any]]:
     for backend, name in BACKENDS.items():
         checks = [c for c in in_order(result, *STATUS) if c.backend == backend]
         if checks:
-            groups = [(title, [c for c in checks if c.kind == kind]) for kind, title in KINDS.items()]
+            groups = [(title, [c for c in checks if c.kind == kind]) for kind, title in kinds_of(result).items()]
             out.append({
                 "id": backend, "name": name, "file": FILES[backend], "groups": [g for g in groups if g[1]],
                 "passed": [c for c in checks if c.status == "passed"],
