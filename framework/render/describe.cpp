@@ -16,6 +16,8 @@ void add_describe(CLI::App& app, const Framework& framework) {
         "describe", "print as JSON what a scene holds and needs; meshes are loaded with --explain alone");
     const auto options = std::make_shared<SceneOptions>();
     add_scene_options(*command, *options);
+    add_visibility_option(*command, *options);
+    add_explain_option(*command, *options);
     command->callback([options, &framework] {
         const LoadedScene loaded = load(*options, framework, options->explain);
         std::cout << describe(loaded.scene, loaded.manifest, loaded.features);

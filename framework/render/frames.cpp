@@ -104,6 +104,7 @@ void add_frames(CLI::App& app, const Framework& framework) {
     CLI::App* command = app.add_subcommand("frames", "draw a scene as often as stdin asks, for benchmarks");
     const auto options = std::make_shared<FramesOptions>();
     add_scene_options(*command, options->scene);
+    add_visibility_option(*command, options->scene);
     command->add_option("--plugin", options->plugin, "plugin; not needed with --depth or --visibility");
     command->add_flag("--double", options->double_depth, "with --depth: in double; otherwise the plugin decides");
     command->add_option("--threads", options->threads, "number of threads (default: all cores)")

@@ -180,6 +180,8 @@ void add_image(CLI::App& app, const Framework& framework) {
     CLI::App* command = app.add_subcommand("image", "draw a scene with a plugin");
     const auto options = std::make_shared<ImageOptions>();
     add_scene_options(*command, options->scene);
+    add_visibility_option(*command, options->scene);
+    add_explain_option(*command, options->scene);
     command->add_option("--plugin", options->plugin, "plugin built from a student's shading.cpp")->required();
     command->add_option("-o,--output", options->output, "FILE.png, .exr or .npy");
     command->add_option("--exposure", options->exposure, "PNG only: times 2^EXPOSURE");

@@ -21,10 +21,16 @@ void add_scene_options(CLI::App& command, SceneOptions& options) {
     command.add_flag("--layers", options.layers, "all layers: terms and geometry beside the total");
     command.add_flag("--terms", options.terms, "the layers of the terms only: ambient, diffuse, specular, coverage");
     command.add_flag("--depth", options.depth, "nothing but the depth of each pixel's first sample; nothing is shaded");
-    command.add_flag("--visibility", options.visibility,
-                     "nothing but which triangle each sample sees, and its depth; nothing is shaded");
     command.add_flag("--full", options.full, "leave nothing out");
     command.add_option("--keep", options.keep, "keep this one omission, as --explain names it (for measurements)");
+}
+
+void add_visibility_option(CLI::App& command, SceneOptions& options) {
+    command.add_flag("--visibility", options.visibility,
+                     "nothing but which triangle each sample sees, and its depth; nothing is shaded");
+}
+
+void add_explain_option(CLI::App& command, SceneOptions& options) {
     command.add_flag("--explain", options.explain, "say what the scene needs and what is left out");
 }
 

@@ -26,6 +26,8 @@ struct SceneOptions {
 };
 
 void add_scene_options(CLI::App& command, SceneOptions& options);
+void add_visibility_option(CLI::App& command, SceneOptions& options);
+void add_explain_option(CLI::App& command, SceneOptions& options);
 
 struct LoadedScene {
     Manifest manifest;

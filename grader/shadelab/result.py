@@ -107,8 +107,10 @@ def load_result(folder: Path) -> Result:
     file = folder / "result.json"
     try:
         data = json.loads(file.read_text())
-        return Result(schema_=data.pop("schema"), **data)
-    except FileNotFoundError:
+        if (schema := data.pop("schema")) != SCHEMA:
+            raise ValueError(f"its schema is {schema}, not {SCHEMA}")
+        return Result(**data)
+    except (FileNotFoundError, NotADirectoryError):
         raise UserError(f"{shown(file)}: cannot be read; give a folder that `grade` wrote to with --out") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError(f"{shown(file)}: is no result of this version: {str(error).splitlines()[0]}") from None

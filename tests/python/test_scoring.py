@@ -208,3 +208,34 @@ def test_a_new_kind_of_check_is_a_module_and_a_line_of_a_list(small, together, m
     write_html(grading.result, grading.pictures, tmp_path / "report.html", assignment.title)
     for text in [(tmp_path / "report.html").read_text(), *(made.text(grading.result) for made in FORMATS.values())]:
         assert "is the same twice" in text or "repeat" in text
+
+
+def test_a_graded_folder_shares_no_file_with_the_expected_data(gradings, small):
+    """Whoever empties one in out/ must not spoil the truth of all later gradings."""
+    kept = [f for _, folder in gradings for f in (folder / "evidence").rglob("*") if f.is_file()]
+    assert len(kept) > 8 and all(f.stat().st_nlink == 1 for f in kept)
+
+
+def test_damaged_evidence_is_one_line(gradings, shadelab, tmp_path):
+    """Cut, emptied or something else: `report` names the file, says what to do, and shows no traceback."""
+    folder = tmp_path / "graded"
+    shutil.copytree(gradings[0][1], folder)
+    first = shadelab("report", folder)
+    assert first.code == 0 and (folder / "report.html").exists(), first.stderr
+    damage = {
+        "evidence/cpp/knot.npy": [b"", b"junk", None],
+        "evidence/expected/knot.npz": [b"", b"junk", None],
+        "evidence/expected/knot.json": [b"", b"[]", b"{}", None],
+        "evidence/about.json": [b"", b"[]", b"{}"],
+        "result.json": [b"", b"[]", b"{}", (folder / "result.json").read_bytes().replace(b"result/1", b"result/9")],
+    }
+    for name, contents in damage.items():
+        file = folder / name
+        whole = file.read_bytes()
+        for content in contents:
+            file.write_bytes(whole[: len(whole) // 2] if content is None else content)
+            done = shadelab("report", folder)
+            assert done.code == 2 and file.stem in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+        file.write_bytes(whole)
+    done = shadelab("report", folder / "result.json")
+    assert done.code == 2 and "give a folder" in done.stderr

@@ -96,8 +96,19 @@ std::string describe(const Manifest& manifest) {
         {"scenes", scenes}});
 }
 
+namespace {
+
+/// The manifests that were read: the assignment's, and those of given ones.
+void add_manifests(const Manifest& manifest, toml::array& out) {
+    out.push_back(std::filesystem::absolute(manifest.directory / "assignment.toml").lexically_normal().string());
+    for (const Manifest& earlier : manifest.given) add_manifests(earlier, out);
+}
+
+}  // namespace
+
 std::string describe(const Scene& scene, const Manifest& manifest, const Features& features) {
-    toml::array lights, materials, objects, calls;
+    toml::array lights, materials, objects, calls, manifests;
+    add_manifests(manifest, manifests);
     for (const Light& light : scene.lights)
         lights.push_back(toml::table{{"kind", scene.light_kinds[size_t(light.kind)]},
                                      {"entry", light.entry},
@@ -147,6 +158,7 @@ std::string describe(const Scene& scene, const Manifest& manifest, const Feature
         {"materials", materials},
         {"objects", objects},
         {"calls", calls},
+        {"manifests", manifests},
         {"needs", toml::table{{"terms", features.term_layers},
                               {"loops", json::array(features.loops)},
                               {"needed", json::array(features.lines(true))},

@@ -71,14 +71,22 @@ std::string call_with_columns(const Manifest& manifest, const Function& function
     return function.name + "(" + join(arguments, ", ") + ")";
 }
 
+/// How the code around a call names what a fragment holds: in C++ as it is declared (the loop makes a variable for each), in
+/// GLSL as the files of framework/glsl name what comes from there. Empty for what no fragment holds.
+std::string fragment_variable(const Manifest& manifest, const std::string& declared, bool cpp) {
+    for (const FragmentAttribute& attribute : manifest.interface.fragment)
+        if (attribute.name == declared)
+            return cpp ? declared : attribute.source == "normal" ? "n" : attribute.source == "position" ? "x" : "v";
+    return "";
+}
+
 /// `model(m, n, incident.l, v)`: after the material come what the fragment holds and members of what the light function gives.
-std::string call_model(const Manifest& manifest, const Function& model) {
+std::string call_model(const Manifest& manifest, const Function& model, bool cpp) {
     std::vector<std::string> arguments = {"m"};
-    const std::vector<FragmentAttribute>& fragment = manifest.interface.fragment;
     for (size_t i = 1; i < model.arguments.size(); ++i) {
         const std::string& name = model.arguments[i].name;
-        const bool own = std::any_of(fragment.begin(), fragment.end(), [&](const auto& a) { return a.name == name; });
-        arguments.push_back(own ? name : "incident." + name);
+        const std::string own = fragment_variable(manifest, name, cpp);
+        arguments.push_back(own.empty() ? "incident." + name : own);
     }
     return model.name + "(" + join(arguments, ", ") + ")";
 }
@@ -91,7 +99,7 @@ std::string call_light(const Manifest& manifest, const std::string& light, bool 
                                  [&](const Function& function) { return function.name == name; });
     std::vector<std::string> arguments;
     for (const Value& argument : manifest.find_function(name)->arguments)
-        arguments.push_back(argument.type == "Light" ? light : argument.name);
+        arguments.push_back(argument.type == "Light" ? light : fragment_variable(manifest, argument.name, cpp));
     return (cpp && !own ? "given::" : "") + name + "(" + join(arguments, ", ") + ")";
 }
 
@@ -120,7 +128,7 @@ std::string model_text(const Manifest& manifest, const std::filesystem::path& fo
     Words words{{"model", model.name},
                 {"material", material},
                 {"light_call", call_light(manifest, "light", true)},
-                {"model_call", call_model(manifest, model)}};
+                {"model_call", call_model(manifest, model, true)}};
     for (size_t k = 0; k < columns.size(); ++k) {
         words["columns"] += (k ? ", " : "") + ("\"" + columns[k].name() + "\"");
         words["parameters"] += ", const Real* __restrict " + parameter(columns[k].name());
@@ -334,7 +342,7 @@ Shading shading_text(const Manifest& manifest, const std::filesystem::path& fold
     out.body = filled(folder / "shading.glsl", {{"material", material}, {"members", join(members, ", ")}});
     const auto add_light = [&](const std::string& light) {
         out.body += filled(folder / "light.glsl", {{"light_call", call_light(manifest, light, false)},
-                                                   {"model_call", call_model(manifest, model)}});
+                                                   {"model_call", call_model(manifest, model, false)}});
     };
     const std::vector<int> lights = glsl_lights(scene, features);
     if (lights.size() > most_unrolled_lights) {

@@ -63,7 +63,8 @@ def main() -> None:
         print(error, file=sys.stderr)
         sys.exit(3)
     except OSError as error:
-        print(f"{error.filename or ''}: {error.strerror}", file=sys.stderr)
+        where = f"{error.filename}: " if error.filename else ""  # writing into an open file names none
+        print(f"{where}{error.strerror or error}", file=sys.stderr)
         sys.exit(3)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

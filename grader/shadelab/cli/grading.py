@@ -110,14 +110,14 @@ def report(
     for name in format or []:
         print(f"wrote {shown(write_format(name, result, directory))}", file=sys.stderr)
     kept, page = PictureFolder(directory / FOLDER, kept=True), directory / "report.html"
-    if about := kept.about():
+    if title := kept.title():
         pictures = kept.of(result)
-        write_html(result, pictures, page, about["title"], hidden_details)
+        write_html(result, pictures, page, title, hidden_details)
         if hidden_details and any(c.hidden and c.kind == "image" and c.id not in pictures for c in result.checks):
             print("no pictures of hidden scenes: only grade --hidden-details keeps them", file=sys.stderr)
     else:
-        print(f"{shown(directory)}: holds no pictures (evidence/), so report.html is not made", file=sys.stderr)
-    print_result(result, Console(highlight=False), page if about else None, hidden_details)
+        print(f"{shown(directory)}: holds no evidence/about.json, so report.html is not made", file=sys.stderr)
+    print_result(result, Console(highlight=False), page if title else None, hidden_details)
 
 
 def stability(

@@ -133,6 +133,7 @@ class Assignment:
     functions: list[Function]
     light_kinds: list[LightKind]  # numbered as in Light.kind
     light_function: str  # what the framework calls for each light
+    fragment: dict[str, str]  # what a fragment holds, by the name that arguments have: normal, position or eye
     models: list[str]  # what a scene's `model` may name, in given assignments, too
     public_scenes: list[Scene]
     hidden: Hidden
@@ -218,7 +219,8 @@ def load_assignment(directory: Path) -> Assignment:
         [load_assignment(directory.parent / name) for name in told["given"]],
         {s["name"]: Struct(s["name"], _values(s["members"]), _columns(s["columns"])) for s in told["structs"]},
         [_function(f) for f in told["functions"]],
-        [LightKind(k["kind"], k["members"]) for k in told["lights"]], told["light_function"], told["models"],
+        [LightKind(k["kind"], k["members"]) for k in told["lights"]], told["light_function"],
+        {attribute["name"]: attribute["from"] for attribute in told["fragment"]}, told["models"],
         [Scene(s["name"], Path(s["file"]), directory, s["points"]) for s in told["scenes"]],
         load_hidden(directory),
     )  # fmt: skip

@@ -8,19 +8,36 @@ evidence/about.json                 what reports say beside the result
 import json
 import os
 import shutil
+import threading
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from shadelab.course.assignment import Scene
+from shadelab.errors import UserError
+from shadelab.paths import shown
 from shadelab.result import Result
 from shadelab.truth.expected import SceneTruth
 from shadelab.truth.measures import tolerance
 
 FOLDER = "evidence"
+
+
+@contextmanager
+def readable(file: Path) -> Iterator[None]:
+    """What somebody cut, emptied or wrote over is one line that names the file. Raises UserError."""
+    try:
+        yield
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(f"{shown(file)}: is damaged, so no report can show it: {why}; grade again") from None
 
 
 @dataclass
@@ -33,11 +50,17 @@ class Pictures:
     @cached_property
     def layers(self) -> np.ndarray | None:
         """The student's (H, W, 13) float32, the CHANNELS up to coverage; None: there is no picture."""
-        return np.load(self.drawn, mmap_mode="r", allow_pickle=False) if self.drawn.exists() else None
+        if not self.drawn.exists():
+            return None
+        with readable(self.drawn):
+            return np.load(self.drawn, mmap_mode="r", allow_pickle=False)
 
     @cached_property
     def truth(self) -> SceneTruth:
-        return SceneTruth.load(self.truth_file)
+        with readable(self.truth_file):
+            truth = SceneTruth.load(self.truth_file)
+        truth.layers = _Layers(truth.layers, self.truth_file)
+        return truth
 
     @cached_property
     def limit(self) -> np.ndarray:
@@ -51,6 +74,24 @@ class Pictures:
     @property
     def expected(self) -> np.ndarray:
         return self.truth.total
+
+
+@dataclass
+class _Layers(Mapping):
+    """Those of a file, each read when it is asked for."""
+
+    layers: Mapping[str, np.ndarray]
+    file: Path
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        with readable(self.file):
+            return self.layers[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.layers)
+
+    def __len__(self) -> int:
+        return len(self.layers)
 
 
 class PictureFolder:
@@ -80,21 +121,22 @@ class PictureFolder:
         np.save(file, layers)
 
     def keep_truth(self, expected: Path, scene: str) -> None:
-        """Of the expected data's folder; as a link where that is possible, for these files never change."""
+        """Of the expected data's folder. A copy: whatever becomes of it, the next grading's truth is another file."""
         for suffix in (".npz", ".json"):
-            source, target = expected / f"{scene}{suffix}", self.truth_file(scene).with_suffix(suffix)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.unlink(missing_ok=True)
-            try:
-                os.link(source, target)
-            except OSError:
-                shutil.copy(source, target)
+            target = self.truth_file(scene).with_suffix(suffix)
+            if not target.exists():  # the other language's check of the scene may be here at the same time
+                target.parent.mkdir(parents=True, exist_ok=True)
+                temporary = target.with_name(f"{target.name}.{threading.get_ident()}")
+                shutil.copyfile(expected / f"{scene}{suffix}", temporary)
+                os.replace(temporary, target)
 
-    def about(self) -> dict[str, Any]:
-        try:
-            return json.loads((self.folder / "about.json").read_text())
-        except (OSError, ValueError):
-            return {}
+    def title(self) -> str | None:
+        """Of the assignment; None where no pictures were kept. Raises UserError for a file that says nothing of the kind."""
+        file = self.folder / "about.json"
+        if not file.exists():
+            return None
+        with readable(file):
+            return str(json.loads(file.read_text())["title"])
 
     def write_about(self, **facts: Any) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)

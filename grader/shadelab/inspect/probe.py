@@ -31,7 +31,7 @@ from shadelab.paths import STATE, shown
 from shadelab.truth import making
 from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, Table, with_callees
 from shadelab.truth.follow import FollowedSolution
-from shadelab.truth.fragments import as_float, to_light, unit
+from shadelab.truth.fragments import as_float, fragment_values, to_light, unit
 from shadelab.truth.measures import function_limit, function_members, scaled_error
 from shadelab.truth.tables import jittered, renormalised
 from shadelab.words import BACKENDS, plain
@@ -179,8 +179,9 @@ def _look_up(out: Probe, layers: dict[str, np.ndarray], described: renderer.Desc
             "This object is shaded at its vertices, and the colours are interpolated: not with these values."
         )
     n, position = (layers[name][y, x].astype(np.float64) for name in ("normal", "position"))
+    held = fragment_values(assignment, n, position, as_float(described.eye))
+    always: Named = {(name, "vec3"): numbers for name, numbers in held.items()}
     v = unit(as_float(described.eye) - position)
-    always: Named = {("n", "vec3"): n, ("x", "vec3"): position, ("v", "vec3"): v}
     for model in assignment.functions:
         if model.name == out.model:
             struct = model.values[0]
@@ -367,8 +368,8 @@ class _Solution:
 
 
 def facts(out: Probe, known: Named) -> list[tuple[str, np.ndarray]]:
-    """What does not depend on the lights: n, v, x and the material's members."""
-    facts = [(name, known[name, "vec3"]) for name in ("n", "v", "x")]
+    """What does not depend on the lights: what the fragment holds, and the material's members."""
+    facts = [(name, known[name, "vec3"]) for name in sorted(out.assignment.fragment)]
     for (name, kind), numbers in known.items():
         if kind in out.assignment.structs and kind != "Light":
             facts += [(f"{name}.{m}", v[0]) for m, v in _named(out.assignment, kind, numbers).items()]

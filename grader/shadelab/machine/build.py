@@ -31,7 +31,7 @@ class Recipe:
 
     double: bool = False
     functions: bool = True  # whether each function can be evaluated alone
-    # The shading loops (MODEL_KIND, as `shadelab-render needs` prints them). None: all. They are what takes long to compile.
+    # The shading loops (MODEL_KIND, as `shadelab-render describe` prints them). None: all. They are what takes long to compile.
     loops: tuple[str, ...] | None = None
     terms: bool = True  # whether the loops give the single terms beside the total
     follow: bool = (

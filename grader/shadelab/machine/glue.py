@@ -63,9 +63,7 @@ def given_code(glue: Path) -> list[Path]:
 def _generator() -> Iterator[Path]:
     for name in GENERATOR:
         path = FRAMEWORK / name
-        yield from (
-            sorted(f for f in path.rglob("*") if f.is_file()) if path.is_dir() else [path] if path.exists() else []
-        )
+        yield from sorted(f for f in path.rglob("*") if f.is_file()) if path.is_dir() else [path]
 
 
 def _digest(seed: str, sources: Iterable[Path]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.machine.command import Command
-from shadelab.paths import RENDER
+from shadelab.paths import FRAMEWORK, RENDER
 
 SECONDS = 600  # a call without a student's code ends long before
 
@@ -87,6 +87,7 @@ class Description:
     lights: np.ndarray  # (N, columns of Light) float64
     objects: list[SceneObject]
     calls: list[str]  # the functions that the framework calls: the models, and those that give the light
+    manifests: list[Path]  # that declare them: the assignment's, and those of given ones
     needs: Needs
 
     @property
@@ -101,7 +102,7 @@ class Description:
 def describe(scene: Path, assignment: Path, view: View = AS_IT_IS, explain: bool = False) -> Description:
     """Loads no mesh, unless `explain` asks for all that is needed and left out."""
     options = [*view.arguments(), *(["--explain"] if explain else [])]
-    told = json.loads(_run("describe", str(scene), "--assignment", str(assignment), *options).stdout)
+    told = _told("describe", str(scene), "--assignment", str(assignment), *options)
     camera, film = told["camera"], told["film"]
     materials = {m["name"]: np.array(m["parameters"], float) for m in told["materials"]}
     return Description(
@@ -114,13 +115,13 @@ def describe(scene: Path, assignment: Path, view: View = AS_IT_IS, explain: bool
             )
             for o in told["objects"]
         ],
-        told["calls"], Needs(**told["needs"]),
+        told["calls"], [Path(m) for m in told["manifests"]], Needs(**told["needs"]),
     )  # fmt: skip
 
 
 def models(scene: Path) -> set[str]:
     """What its materials name as models: nothing else of the scene is looked at, and no assignment is needed."""
-    return set(json.loads(_run("models", str(scene)).stdout)["models"])
+    return set(_told("models", str(scene))["models"])
 
 
 def packet(scene: Path, assignment: Path, output: Path, view: View = AS_IT_IS) -> str:
@@ -136,6 +137,13 @@ def glue(assignment: Path, folder: Path) -> None:
 def convert(image: Path, output: Path, exposure: float = 0.0) -> None:
     """Writes an image that is an .npy file as .png or .exr."""
     _run("convert", str(image), "-o", str(output), "--exposure", str(exposure))
+
+
+def _told(*arguments: str) -> dict[str, Any]:
+    try:
+        return json.loads(_run(*arguments).stdout)
+    except ValueError:
+        raise InfrastructureError(f"{RENDER.name} {arguments[0]}: what it prints is no JSON") from None
 
 
 def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -182,7 +190,7 @@ def image(description: Description, assignment: Path, plugin: Path, view: View, 
         arguments += [name, str(value)] if value is not None else []
     arguments += ["--repeat", str(files.repeat)] if files.repeat else []
     arguments += ["--explain"] if files.explain else []
-    reads = [*_scene_files(description, assignment), plugin, *([files.full_plugin] if files.full_plugin else [])]
+    reads = [*_scene_files(description), plugin, *([files.full_plugin] if files.full_plugin else [])]
     return _command(arguments, reads, [f for f in (files.output, files.statistics) if f])
 
 
@@ -206,16 +214,15 @@ def frames(
     arguments += ["--plugin", str(plugin)] if plugin else []
     arguments += ["--threads", str(threads)] if threads else []
     arguments += ["--double"] if double else []
-    return _command(arguments, [*_scene_files(description, assignment), *([plugin] if plugin else [])], [])
+    return _command(arguments, [*_scene_files(description), *([plugin] if plugin else [])], [])
 
 
 def _scene(scene: Path, assignment: Path, view: View) -> list[str]:
     return [str(scene), "--assignment", str(assignment), *view.arguments()]
 
 
-def _scene_files(description: Description, assignment: Path) -> list[Path]:
-    """Manifests of given assignments stand beside the assignment's own."""
-    return [description.file, *description.meshes, assignment.parent]
+def _scene_files(description: Description) -> list[Path]:
+    return [description.file, *description.meshes, *description.manifests, FRAMEWORK / "interface.toml"]
 
 
 def _command(arguments: list[str], reads: Sequence[Path], writes: Sequence[Path]) -> Command:

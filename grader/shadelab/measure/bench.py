@@ -36,7 +36,6 @@ from shadelab.measure.timing import PAUSE, Progress, alternate, pairwise_ratio, 
 from shadelab.paths import SCENES, SOLUTION, STATE
 
 WARM = 3  # frames of each before any counts
-PAIRS = 15  # at least
 SUPERSAMPLES = [1, 2, 3, 4, 6, 8]
 REFERENCE_SUPERSAMPLE = 64  # 64 x 64 = 4096 samples a pixel
 LOADS = 5

@@ -14,7 +14,7 @@ from shadelab.truth.closure import import_closure
 from shadelab.truth.driver import DRIVER, FILES
 
 MAKER = "shadelab.truth.making"  # the module that makes it; a program that it starts is in its closure, too
-SOURCES = ("include", "src", "render", "glsl", "glue")  # of the framework
+TOOLS = FRAMEWORK / "tools"  # which measure what was built, and which a release does without
 
 
 def digest(assignment: Assignment) -> str:
@@ -30,9 +30,8 @@ def made_from(assignment: Assignment) -> Iterator[Path]:
     may do without, and meshes, whose scenes are skipped then."""
     yield from import_closure(MAKER)
     yield from (DRIVER / name for name in FILES)
-    yield from (FRAMEWORK / "interface.toml", ROOT / "CMakeLists.txt")
-    for folder in SOURCES:
-        yield from _all_files(FRAMEWORK / folder)
+    yield ROOT / "CMakeLists.txt"
+    yield from (file for file in _all_files(FRAMEWORK) if TOOLS not in file.parents)
     pending = [assignment]
     while pending:
         one = pending.pop()

@@ -28,7 +28,10 @@ def recorded_rows(
         place = ys[chosen], xs[chosen]
         lights = as_float(described.lights)[rng.integers(len(described.lights), size=PER_SCENE)]
         n, x = (truth.layers[name][place].astype(np.float64) for name in ("normal", "position"))
-        values = {"n": n, "x": x, "v": unit(truth.eye - x), "l": unit(to_light(assignment, lights, x)), "light": lights}
+        values = fragment_values(assignment, n, x, truth.eye) | {
+            "l": unit(to_light(assignment, lights, x)),
+            "light": lights,
+        }
         for number, each in enumerate(described.objects, start=1):
             model = functions.get(each.model)
             if model is not None:
@@ -38,6 +41,14 @@ def recorded_rows(
         if light is not None:
             _append(out, light, values, np.ones(PER_SCENE, bool))
     return out
+
+
+def fragment_values(
+    assignment: Assignment, normal: np.ndarray, position: np.ndarray, eye: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What fragments hold, by the names that arguments have for it."""
+    sources = {"normal": normal, "position": position, "eye": unit(eye - position)}
+    return {name: sources[source] for name, source in assignment.fragment.items()}
 
 
 def to_light(assignment: Assignment, lights: np.ndarray, x: np.ndarray) -> np.ndarray:
