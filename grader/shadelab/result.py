@@ -2,11 +2,9 @@
 
 import json
 import os
-import statistics
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import BaseModel
 
 from shadelab.errors import UserError
@@ -48,13 +46,6 @@ class Render(BaseModel):
     least: float = 0.0  # seconds
     most: float = 0.0
     frames: int = 1
-
-
-def render_of(series: str, off: np.ndarray, frames: list[float]) -> Render:
-    """off: what the image is off by; frames: seconds of each."""
-    rmse = float(np.sqrt(np.mean(np.square(off))))
-    middle = statistics.median(frames)
-    return Render(series=series, rmse=rmse, seconds=middle, least=min(frames), most=max(frames), frames=len(frames))
 
 
 class Check(BaseModel):

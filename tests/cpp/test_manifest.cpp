@@ -1,7 +1,7 @@
 // Manifests: the one line that says what is wrong with one, and what the framework tells others of what it understood.
 #include "support.hpp"
 
-#include <json.hpp>
+#include <text/json.hpp>
 
 #include <shadelab/describe.hpp>
 #include <shadelab/error.hpp>

@@ -32,6 +32,7 @@ from shadelab.study.declaration import STUDIES, Study
 from shadelab.study.points import Guide, Part, Point, Slope, fit_slope
 from shadelab.study.timing import Workbench
 from shadelab.truth import exact
+from shadelab.truth.measures import rmse
 
 LIMITS = Limits(seconds=60)
 IN_LOBE = 1e-3  # of the lobe's peak: what is smaller does not show
@@ -180,7 +181,7 @@ def deviation(value: np.ndarray, truth: np.ndarray, measure: str) -> dict[str, f
     difference = np.abs(value - truth)
     if measure == "relative":
         difference = difference / np.abs(truth)
-    return {"rmse": float(np.sqrt(np.mean(difference**2))), "max": float(difference.max())}
+    return {"rmse": rmse(difference), "max": float(difference.max())}
 
 
 # ------------------------------------------------------------------------------------------------------- inputs

@@ -154,7 +154,7 @@ class SceneFacts:
     eye: list[float]
     scale: float  # the 95th percentile of |total| over the foreground
     lights: list[dict[str, Any]] = field(default_factory=list)  # members of Light, by name
-    # What correct programs differ by, relative to |total| + 1 % of the scale, at all but FULL_MARKS of the pixels; program -> error
+    # What correct programs differ by, relative to |total| + 1 % of the scale, but for FULL_MARKS of the pixels; by program
     spread: dict[str, float] = field(default_factory=dict)
     share: float = 0.0  # of the interior that a correct program has beyond the limits that the others set
     runs: list[dict[str, Any]] = field(default_factory=list)  # the solution's points of error against run time

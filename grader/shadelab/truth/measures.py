@@ -1,8 +1,11 @@
 """How far numbers are from the truth, and how far correct programs may be: of functions over tables, of images pixel by pixel."""
 
+import statistics
+
 import numpy as np
 
 from shadelab.course.assignment import Function
+from shadelab.result import Render
 from shadelab.truth.expected import SceneTruth, Table
 
 # Limits are derived. making.py measures how far correct programs stray (the solution, the slides' formulas and all correct
@@ -95,3 +98,16 @@ def violations(actual: np.ndarray, reference: np.ndarray, limit: np.ndarray) -> 
 def every_channel(true: np.ndarray) -> np.ndarray:
     """(H, W, 3) -> (H, W). Written out: numpy's own reduction over so short an axis takes ten times as long."""
     return true[..., 0] & true[..., 1] & true[..., 2]
+
+
+def rmse(off: np.ndarray) -> float:
+    """Root mean square, over all pixels and channels, of what an image is off by."""
+    return float(np.sqrt(np.mean(np.square(off))))
+
+
+def render_of(series: str, off: np.ndarray, frames: list[float]) -> Render:
+    """off: what the image is off by; frames: seconds of each."""
+    middle = statistics.median(frames)
+    return Render(
+        series=series, rmse=rmse(off), seconds=middle, least=min(frames), most=max(frames), frames=len(frames)
+    )

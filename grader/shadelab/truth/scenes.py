@@ -6,10 +6,10 @@ from shadelab.course.assignment import Assignment, Scene, named_arrays
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Draw
 from shadelab.machine import renderer
-from shadelab.result import FRAMES, render_of
+from shadelab.result import FRAMES
 from shadelab.truth.expected import INTERIOR, SceneTruth, largest_nearby
 from shadelab.truth.fragments import as_float
-from shadelab.truth.measures import FULL_MARKS, image_limit, pixel_error, violating_share
+from shadelab.truth.measures import FULL_MARKS, image_limit, pixel_error, render_of, violating_share
 from shadelab.truth.programs import ProgramImages
 from shadelab.truth.workshop import PLAIN, Workshop
 

@@ -8,8 +8,9 @@ from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished
 from shadelab.judge.images import judge_image
-from shadelab.result import FRAMES, Check, Render, render_of
+from shadelab.result import FRAMES, Check, Render
 from shadelab.truth.expected import TERM_CHANNELS, with_callees
+from shadelab.truth.measures import render_of
 from shadelab.words import listed
 
 NAME = "image"
