@@ -5,6 +5,7 @@
 
 #include <shadelab/describe.hpp>
 #include <shadelab/error.hpp>
+#include <shadelab/glue.hpp>
 
 #include <catch2/catch.hpp>
 
@@ -158,6 +159,36 @@ TEST_CASE("every mistake in a manifest is one line with file, line and key") {
             CHECK_THAT(message, Contains("assignment.toml:") && Contains(example.says));
         }
     }
+}
+
+TEST_CASE("what a fragment holds has the names that interface.toml gives it, in both languages") {
+    const TemporaryFolder folder;
+    std::string declared;
+    {
+        std::ifstream file(interface);
+        declared.assign(std::istreambuf_iterator<char>(file), {});
+    }
+    folder.write("interface.toml",
+                 replaced(replaced(declared, "name = \"x\"", "name = \"p\""), "name = \"n\"", "name = \"m0\""));
+    std::filesystem::create_directory(folder / "small");
+    const std::string other = replaced(replaced(good, "{ x = \"position\" }", "{ p = \"position\" }"),
+                                       "[{ m = \"Plain\" }, { n = \"unit\" }, { l = \"unit\" }]",
+                                       "[{ m = \"Plain\" }, { m0 = \"unit\" }, { l = \"unit\" }, { v = \"unit\" }]");
+    folder.write("small/assignment.toml", other);
+    const Manifest manifest = load_manifest(folder / "small", (folder / "interface.toml").string());
+    Scene scene;
+    scene.light_kinds = {"point"};
+    scene.lights.push_back({});
+    Features features;
+    features.lights = {0};
+    const ShaderMains mains = glsl_shade_mains(manifest, SHADELAB_ROOT "/framework", scene, features,
+                                               *manifest.find_function("plain"), Interpolation::phong, false);
+    CHECK_THAT(mains.fragment, Contains("vec3 x = shadelab_x;") && Contains("falloff), x)"));
+    CHECK_THAT(mains.fragment, Contains("plain(m, n, incident.l, v)"));
+    std::vector<std::string> names;
+    for (const FragmentAttribute& attribute : manifest.attributes(*manifest.find_function("plain")))
+        names.push_back(attribute.name);
+    CHECK(names == std::vector<std::string>{"m0", "p", "v"});
 }
 
 TEST_CASE("the drawing of fragments is an assignment without C++, and the studies' lobes are one without scenes") {

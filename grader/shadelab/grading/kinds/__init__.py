@@ -5,7 +5,8 @@ STAGE                   kinds of one stage are asked together; a stage begins wh
 TOGETHER                whether the first questions of all checks of a stage are run together
 DRAWS                   whether it may draw with the submission: then the loops that the scenes need are compiled
 REPLAY                  what replays a worst input: "eval" of the function, "render" of the scene, or "" for nothing
-BOTH                    whether it is asked of the two languages together, at the end (named by the last, without points)
+BOTH                    whether it is asked of the two languages together, at the end (named by the last, without
+                        points); it asks nothing then, for the numbers are there
 items(assignment)       what is checked: (name, points for both languages together, item)
 judge(plan, ledger)     a generator: yields Evaluate or Draw, is sent the Output, and returns the Check. Of BOTH kinds
                         `ledger` is one for each language. What it may know of other checks stands in the ledger.
