@@ -1,5 +1,6 @@
 """Names and numbers as every report and message writes them, and text of a student made harmless."""
 
+import codecs
 import unicodedata
 from typing import Any
 
@@ -41,3 +42,14 @@ def _visible(character: str) -> str:
     if category in ("Zl", "Zp"):
         return "\n"
     return "\ufffd" if category in ("Cf", "Cs") else character
+
+
+def has_mark(data: bytes) -> bool:
+    """Whether a byte order mark says which encoding it is."""
+    return data.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+
+
+def decoded(data: bytes) -> str:
+    """UTF-8, with or without a mark, or UTF-16 with one. What is neither is marked and not lost: no file fails to be read."""
+    utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    return data.decode("utf-16" if utf16 else "utf-8-sig", errors="replace")

@@ -329,12 +329,57 @@ TEST_CASE("normals from the file: per corner, made unit; smooth ones with a note
     CHECK(glm::length(mesh.normals[mesh.indices[1]] - glm::vec3(0.6f, 0, 0.8f)) < 1e-6f);
     CHECK(mesh.positions[mesh.indices[2]] == mesh.positions[mesh.indices[4]]);
     CHECK(mesh.normals[mesh.indices[2]] != mesh.normals[mesh.indices[4]]);
-    for (const char* faces : {"f 1 2 3\nf 1 3 4\n", "f 1//1 2//1 3//1\nf 1 3 4\n", "vn 0 0 0\nf 1//3 2//1 3//1\n",
-                              "vn nan 0 1\nf 1//3 2//1 3//1\n", "vn 0 0 inf\nf 1//3 2//1 3//1\n"}) {
+    for (const char* faces : {"f 1 2 3\nf 1 3 4\n", "f 1//1 2//1 3//1\nf 1 3 4\n"}) {
         const Mesh smooth = load(square + normals + faces, Normals::file);
         CHECK(mentions(smooth, "normals = \"file\""));
         for (glm::vec3 n : smooth.normals) CHECK(n == glm::vec3(0, 0, 1));
     }
+}
+
+TEST_CASE("a normal of the file that is no direction costs its own corners alone, and is told with its line") {
+    const std::string normals = "vn 0 0 5\nvn 3 0 4\n";
+    for (const char* bad :
+         {"0 0 0", "nan 0 1", "0 0 inf", "-1.#IND00 -1.#IND00 -1.#IND00", "1.#QNAN 0 1", "0 1.#INF 0"}) {
+        CAPTURE(bad);
+        const Mesh mesh = load(square + normals + "vn " + bad + "\nf 1//3 2//2 3//2\n", Normals::file);
+        REQUIRE(mesh.notes.size() == 1);
+        CHECK_THAT(mesh.notes[0], Contains("line 7: a normal that is no direction"));
+        CHECK(mesh.normals[mesh.indices[0]] == glm::vec3(0, 0, 1));  // as the face
+        for (int k : {1, 2}) CHECK(glm::length(mesh.normals[mesh.indices[k]] - glm::vec3(0.6f, 0, 0.8f)) < 1e-6f);
+        CHECK(load(square + "vn " + bad + "\nf 1//1 2//1 3//1\n", Normals::flat).notes.empty());
+    }
+}
+
+TEST_CASE(
+    "corners may end in a slash, lines may go on, a file may begin with a mark, and lack the normals that it names") {
+    const Mesh plain = load(square + "f 1 2 3 4\n");
+    const auto same = [&](const Mesh& mesh) {
+        return mesh.positions == plain.positions && mesh.normals == plain.normals && mesh.indices == plain.indices;
+    };
+    for (const char* face :
+         {"f 1/ 2/ 3/ 4/", "f 1// 2// 3// 4//", "vt 0 0\nf 1/1/ 2/1/ 3/1/ 4/1/", "f 1//1 2//1 3//1 4//1",
+          "f 1 2 \\\n3 4", "f 1 2\\\r\n 3 4", "f \\\n\\\n1 2 3 4", "g a \\\nv 9 9 9\nf 1 2 3 4",
+          "usemtl a\\b\\c d\nf 1 2 3 4", "# a comment does not go on \\\nf 1 2 3 4"}) {
+        CAPTURE(face);
+        const Mesh mesh = load(square + face + "\n");
+        CHECK((same(mesh) && mesh.notes.empty()));
+    }
+    CHECK(same(load("\xef\xbb\xbf" + square + "f 1 2 3 4\n")));
+    CHECK_THAT(error_of(square + "f 1 2 \\\n3 9\n"), Contains("vertex 9"));
+    CHECK_THAT(error_of(square + "f 1 2 \\\n3 4\nf 1 2 9\n"),
+               Contains("mesh.obj:7: "));  // lines are counted all the same
+}
+
+TEST_CASE("a line that begins with an unknown word is ignored with a note, and so are smoothing groups") {
+    const Mesh mesh = load(square + "V 1 1 1\n\fv 2 2 2\nf 1 2 3 4\n");
+    CHECK(mesh.triangle_count() == 2);
+    REQUIRE(mesh.notes.size() == 1);
+    CHECK_THAT(mesh.notes[0], Contains("line 5: \"V\" begins no line of an OBJ file; 2 such lines are ignored"));
+    CHECK(mentions(load(square + "\x1bv 1\nf 1 2 3 4\n"), "line 5: \"?v\""));
+    CHECK(load(square + "s off\ns 1\nvt 1 1\nvp 1\nl 1 2\no a\nf 1 2 3 4\n").notes.empty());
+    const std::string groups = square + "s 1\nf 1 2 3\ns 2\nf 1 3 4\n";
+    CHECK(mentions(load(groups), "2 smoothing groups (s) are ignored"));
+    CHECK(load(groups, Normals::flat).notes.empty());
 }
 
 TEST_CASE("an index that is not there is an error with file and line") {
@@ -352,13 +397,13 @@ TEST_CASE("an index that is not there is an error with file and line") {
     CHECK_THAT(error_of(file + "f 0 1 2\n"),
                Contains("mesh.obj:6: ") && Contains("vertex 0") && Contains("counted from 1"));
     CHECK(error_of(file + "f 1 two 3\n") == "mesh.obj:6: \"two\" is not a corner: v, v/t, v//n or v/t/n");
-    for (const char* corner : {"1/", "1//", "1/1/", "1/1/1/1", "/1", "1.5", "1a", "99999999999", "\\", "1//x"})
+    for (const char* corner : {"1/1/1/1", "1/x", "/1", "1.5", "1a", "99999999999", "\\", "1//x"})
         CHECK(error_of(file + "f 2 " + corner + " 3\n") ==
               "mesh.obj:6: \"" + std::string(corner) + "\" is not a corner: v, v/t, v//n or v/t/n");
     CHECK_THAT(error_of(file + "f 1//0 2//1 3//1\n"), Contains("mesh.obj:6: the face refers to normal 0"));
     CHECK_THAT(error_of(square + "v 1 x 2\nf 1 2 3\n"), Contains("mesh.obj:5: a vertex takes three numbers"));
     for (const char* vertex :
-         {"v 1 2", "v", "v 1 2 # 3", "v 1,2,3", "v 1 2 3x", "v 1 2 \\\n3", "v 0x10 0 0", "v 1 2 1e"})
+         {"v 1 2", "v", "v 1 2 # 3", "v 1,2,3", "v 1 2 3x", "v 1 2 \\ 3", "v 0x10 0 0", "v 1 2 1e"})
         CHECK(error_of(square + vertex + "\nf 1 2 3\n") == "mesh.obj:5: a vertex takes three numbers");
     CHECK(error_of(square + "vn 0 1\nf 1 2 3\n") == "mesh.obj:5: a normal takes three numbers");
     CHECK(error_of(file + "f 1 2 3\r\nf 1 2 7\r\n") == "mesh.obj:7: the face refers to vertex 7, but the file has 4");

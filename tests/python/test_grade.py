@@ -106,6 +106,45 @@ def test_type_errors_are_short_and_in_the_students_words(grade, submission, old,
     assert "glm" not in build["message"] and "/" not in build["message"]
 
 
+HALF = "vec3 half_vector(vec3 l, vec3 v) {"
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda text: ("#version 330 core\n # extension GL_ARB_gpu_shader5 : enable\n" + text).encode(),
+        lambda text: text.replace(HALF, "vec3 half_vector(const in vec3 l,\n    const vec3 v) {").encode(),
+        lambda text: text.replace(HALF, "highp vec3 half_vector(in vec3 l, mediump vec3 v) {").encode(),
+        lambda text: text.encode("utf-16"),
+        lambda text: b"\xfe\xff" + text.encode("utf-16-be"),
+        lambda text: b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(),
+    ],
+    ids=["version", "const", "precision", "utf-16", "utf-16-be", "utf-8-mark"],
+)
+def test_a_shader_is_taken_as_editors_and_habits_write_it(grade, submission, write):
+    folder = submission()
+    file = folder / "shading.glsl"
+    file.write_bytes(write(file.read_text()))
+    result = grade(folder, only="glsl/function/*[lh][oa][bl][ef]*")
+    assert len(result["checks"]) > 3 and result["score"] == result["max_score"] > 0
+
+
+def test_lines_of_messages_stay_the_students(grade, submission):
+    folder = submission()
+    file = folder / "shading.glsl"
+    file.write_text("#version 330\n" + file.read_text().replace(HALF, HALF + " nonsense;"))
+    line = 1 + next(k for k, text in enumerate(file.read_text().splitlines()) if text.startswith(HALF))
+    assert f"shading.glsl:{line}:" in grade(folder, only="glsl/function/half_vector")["by_id"]["glsl/build"]["message"]
+
+
+def test_cpp_in_utf16_is_taken(grade, submission):
+    folder = submission()
+    file = folder / "shading.cpp"
+    file.write_bytes(file.read_text().encode("utf-16"))
+    result = grade(folder, only="cpp/function/half_vector")
+    assert result["score"] == result["max_score"] > 0
+
+
 def test_type_errors_in_glsl(grade, submission):
     build = grade(
         submission(glsl={"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dott(n, l) * n - l;"}), only="glsl/*"

@@ -36,7 +36,9 @@ struct Mesh {
 /// Normals::smooth: the average of the adjacent face normals weighted by the angle that each face spans at the vertex
 /// (Thuermer & Wuethrich 1998). By angle and not by area, so that cutting a quad into triangles differently, or refining one
 /// face, does not tilt the normal. Normals::flat: the face normal (three vertices of its own per triangle). Normals::file: the
-/// file's, or smooth ones with a note where the file has none. Where a vertex's normals cancel, each face keeps its own.
+/// file's; smooth ones, with a note, at corners whose normal is no direction, and at all corners where some name none. Where a
+/// vertex's normals cancel, each face keeps its own. Vertices are one when they are one in the file: two that stand at the same
+/// place are a seam, and smoothing groups are ignored with a note.
 ///
 /// Throws InputError (`where` says who asked for the file, for the message when it is absent).
 Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::string& where = "");

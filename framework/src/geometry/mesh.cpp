@@ -3,6 +3,7 @@
 #include <shadelab/error.hpp>
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <fstream>
@@ -32,6 +33,10 @@ struct ObjFile {
     /// Face after face. As written: counted from 1, or negative to count back. From resolve_numbers on: indices from 0.
     std::vector<Corner> corners;
     bool materials = false;
+    std::vector<std::string> groups;   ///< smoothing groups other than "off"
+    int unknown = 0, bad_normals = 0;  ///< lines that begin with no word of OBJ files; normals that are no direction
+    int first_unknown = 0, first_bad = 0;  ///< the lines of the first
+    std::string unknown_word;
 
     [[noreturn]] void fail(int line, const std::string& what) const {
         throw InputError(name + ":" + std::to_string(line) + ": " + what);
@@ -60,10 +65,23 @@ struct Cursor {
     static bool is_blank(char c) { return c == ' ' || c == '\t'; }
     bool starts(char c) const { return at != end && *at == c; }
     bool line_ends() const { return at == end || is_line_end(*at) || *at == '#'; }
-    bool word_ends() const { return line_ends() || is_blank(*at); }
+    /// A backslash at the very end of a line: the next one goes on with it.
+    bool continues() const { return starts('\\') && at + 1 != end && is_line_end(at[1]); }
+    bool word_ends() const { return line_ends() || is_blank(*at) || continues(); }
 
+    void pass_line_end() {
+        if (*at++ == '\r' && starts('\n')) ++at;
+        ++line;
+    }
     void skip_blanks() {
-        while (at != end && is_blank(*at)) ++at;
+        for (;;) {
+            if (continues())
+                ++at, pass_line_end();
+            else if (at != end && is_blank(*at))
+                ++at;
+            else
+                return;
+        }
     }
     std::string_view word() {
         const char* const from = at;
@@ -71,15 +89,26 @@ struct Cursor {
         return {from, at};
     }
     void next_line() {
-        while (at != end && !is_line_end(*at)) ++at;
-        if (at != end && *at++ == '\r' && starts('\n')) ++at;
-        ++line;
+        for (bool comment = false; at != end && !is_line_end(*at);) {
+            comment |= *at == '#';
+            if (!comment && continues())
+                ++at, pass_line_end();
+            else
+                ++at;
+        }
+        if (at != end) pass_line_end();
     }
 
-    /// Whether a number stands here. "nan", "inf" and what is too large for a double are numbers, if not finite ones.
+    /// Whether a number stands here. "nan", "inf" and what is too large for a double are numbers, if not finite ones; "1.#IND" and
+    /// its like, which an old library wrote for them, too.
     bool read(double& value) {
         const char* const from = at + starts('+');  // from_chars takes no plus
         const auto [rest, error] = std::from_chars(from, end, value);
+        if (error == std::errc() && rest != end && *rest == '#' && rest > from && rest[-1] == '.') {
+            value = std::numeric_limits<double>::quiet_NaN();
+            for (at = rest + 1; at != end && std::isalnum(static_cast<unsigned char>(*at));) ++at;
+            return word_ends();
+        }
         if (error == std::errc::invalid_argument) return false;
         if (error == std::errc::result_out_of_range) {
             const bool tiny = std::string_view(from, rest).find('-', 1) != std::string_view::npos;
@@ -100,36 +129,58 @@ struct Cursor {
         at = rest;
         return error == std::errc();
     }
-    /// Whether a corner of a face stands here: v, v/t, v//n or v/t/n. The t is passed over: no scene has textures.
+    /// Whether a corner of a face stands here: v, v/t, v//n or v/t/n, with or without a slash at the end. The t is passed over: no
+    /// scene has textures.
     bool read(Corner& corner) {
         corner.normal = no_normal;
         if (!read(corner.position)) return false;
         if (starts('/')) {
             ++at;
             int texture;
-            const bool has_texture = read(texture);
+            read(texture);
             if (starts('/')) {
                 ++at;
-                if (!read(corner.normal)) return false;
-            } else if (!has_texture) {
-                return false;
+                if (!word_ends() && !read(corner.normal)) return false;
             }
         }
         return word_ends();
     }
 };
 
+bool finite(glm::dvec3 p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+
+bool is_direction(glm::dvec3 normal) { return finite(normal) && glm::length(normal) > 0; }
+
+/// What an OBJ file may hold besides, and what changes no triangle: texture coordinates, names, lines, points, free-form surfaces.
+bool is_passed_over(std::string_view statement) {
+    constexpr std::string_view words[] = {"vt",    "vp",       "l",         "p",          "g",      "o",      "usemtl",
+                                          "mg",    "cstype",   "deg",       "bmat",       "step",   "curv",   "curv2",
+                                          "surf",  "parm",     "trim",      "hole",       "scrv",   "sp",     "end",
+                                          "con",   "bevel",    "c_interp",  "lod",        "usemap", "maplib", "ctech",
+                                          "stech", "d_interp", "trace_obj", "shadow_obj", "call",   "csh"};
+    return std::find(std::begin(words), std::end(words), statement) != std::end(words);
+}
+
+/// For a message: what a terminal would not show is a question mark.
+std::string printable(std::string_view word) {
+    std::string out(word.substr(0, 20));
+    std::replace_if(out.begin(), out.end(), [](unsigned char c) { return c < 0x20 || c > 0x7e; }, '?');
+    return out;
+}
+
 /// One pass, and no locale: std::strtod would read "0.5" as 0 where the decimal point is a comma.
 ObjFile parse(const std::string& name, const std::string& text) {
     ObjFile obj;
     obj.name = name;
-    for (Cursor in{text.data(), text.data() + text.size()}; in.at != in.end; in.next_line()) {
+    const size_t mark = text.rfind("\xef\xbb\xbf", 0) == 0 ? 3 : 0;  // some editors begin a file with it
+    for (Cursor in{text.data() + mark, text.data() + text.size()}; in.at != in.end; in.next_line()) {
         in.skip_blanks();
         const std::string_view statement = in.word();
         if (statement == "v") {
             if (!in.read(obj.positions.emplace_back())) obj.fail(in.line, "a vertex takes three numbers");
         } else if (statement == "vn") {
             if (!in.read(obj.normals.emplace_back())) obj.fail(in.line, "a normal takes three numbers");
+            if (!is_direction(obj.normals.back()) && ++obj.bad_normals == 1) obj.first_bad = in.line;
         } else if (statement == "f") {
             Face& face = obj.faces.emplace_back(Face{in.line, 0, int(obj.positions.size()), int(obj.normals.size())});
             for (in.skip_blanks(); !in.line_ends(); in.skip_blanks()) {
@@ -140,6 +191,14 @@ ObjFile parse(const std::string& name, const std::string& text) {
             }
         } else if (statement == "mtllib") {
             obj.materials = true;  // not even opened: the scene file gives the materials
+        } else if (statement == "s") {
+            in.skip_blanks();
+            const std::string group(in.word());
+            const bool fresh = std::find(obj.groups.begin(), obj.groups.end(), group) == obj.groups.end();
+            if (group != "off" && group != "0" && fresh) obj.groups.push_back(group);
+        } else if (!statement.empty() && !is_passed_over(statement) && ++obj.unknown == 1) {
+            obj.first_unknown = in.line;
+            obj.unknown_word = printable(statement);
         }
     }
     return obj;
@@ -159,14 +218,14 @@ void resolve_numbers(ObjFile& obj) {
     for (const Face& face : obj.faces)
         for (int k = 0; k < face.corners; ++k, ++corner) {
             corner->position = resolve(face, "vertex", corner->position, face.positions, obj.positions.size());
-            if (corner->normal != no_normal)
+            if (obj.normals.empty())
+                corner->normal = no_normal;  // nothing to refer to: what the numbers meant is not in the file
+            else if (corner->normal != no_normal)
                 corner->normal = resolve(face, "normal", corner->normal, face.normals, obj.normals.size());
         }
 }
 
 // ---- 2. triangles: three corners each
-
-bool finite(glm::dvec3 p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
 
 /// Not normalised; its length is twice the area. One point is subtracted in double, so large coordinates do not tilt it.
 glm::dvec3 area_normal(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c) {
@@ -302,18 +361,32 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
         note(std::to_string(mesh.dropped_triangles) +
              " triangles without area or with coordinates that are not finite were left out");
 
-    const auto lacks_normal = [&](const Corner& c) {
-        return c.normal == no_normal || !finite(obj.normals[c.normal]) || !(glm::length(obj.normals[c.normal]) > 0);
-    };
-    if (mode == Normals::file && std::any_of(triangles.begin(), triangles.end(), lacks_normal)) {
+    if (obj.unknown)
+        note("line " + std::to_string(obj.first_unknown) + ": \"" + obj.unknown_word +
+             "\" begins no line of an OBJ file; " +
+             (obj.unknown == 1 ? "it is" : std::to_string(obj.unknown) + " such lines are") + " ignored");
+    if (mode == Normals::smooth && obj.groups.size() > 1)
+        note("its " + std::to_string(obj.groups.size()) +
+             " smoothing groups (s) are ignored: normals are smooth across them, too");
+
+    if (mode == Normals::file &&
+        std::any_of(triangles.begin(), triangles.end(), [](const Corner& c) { return c.normal == no_normal; })) {
         note("normals = \"file\", but not every face has some; smooth ones are used instead");
         mode = Normals::smooth;
     }
+    const auto from_file = [&](const Corner& c) {
+        return mode == Normals::file && is_direction(obj.normals[c.normal]);
+    };
+    const bool mended = mode == Normals::file && !std::all_of(triangles.begin(), triangles.end(), from_file);
+    if (mended)
+        note("line " + std::to_string(obj.first_bad) + ": a normal that is no direction (nan, or 0 0 0)" +
+             (obj.bad_normals > 1 ? ", the first of " + std::to_string(obj.bad_normals) : "") +
+             "; smooth ones are used there");
 
     std::vector<glm::dvec3> sums;
     std::vector<double> weights;
     std::vector<char> cancelled(obj.positions.size(), false);
-    if (mode == Normals::smooth) {
+    if (mode == Normals::smooth || mended) {
         accumulate_normals(obj, triangles, sums, weights);
         for (size_t p = 0; p < sums.size(); ++p) {
             // Below this the direction of the sum is rounding noise: float32 inputs carry about 1e-7.
@@ -331,15 +404,16 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
     for (size_t t = 0; t < triangles.size(); t += 3) {
         for (size_t k = 0; k < 3; ++k) {
             const Corner corner = triangles[t + k];
-            const bool own = mode == Normals::flat || (mode == Normals::smooth && cancelled[corner.position]);
+            const bool given = from_file(corner);
+            const bool own = mode == Normals::flat || (!given && cancelled[corner.position]);
             uint32_t vertex = own ? none : latest[corner.position];
             while (mode == Normals::file && vertex != none && file_normal[vertex] != corner.normal)
                 vertex = earlier[vertex];
             if (vertex == none) {
                 vertex = uint32_t(mesh.positions.size());
-                const glm::dvec3 normal = own                     ? area_normal(obj, &triangles[t])
-                                          : mode == Normals::file ? obj.normals[corner.normal]
-                                                                  : sums[corner.position];
+                const glm::dvec3 normal = own     ? area_normal(obj, &triangles[t])
+                                          : given ? obj.normals[corner.normal]
+                                                  : sums[corner.position];
                 mesh.positions.push_back(glm::vec3(obj.positions[corner.position] - mesh.origin));
                 mesh.normals.push_back(glm::vec3(glm::normalize(normal)));
                 earlier.push_back(latest[corner.position]);

@@ -6,10 +6,12 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 
 import functools
 import importlib
+import os
 import sys
 
 import typer
 
+from shadelab.cli.options import NARROWEST, USUAL
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.paths import ROOT
 
@@ -45,7 +47,16 @@ def program() -> typer.Typer:
     return app
 
 
+def _mend_width_of_help() -> None:
+    """typer asks the terminal itself; COLUMNS of 0 would print help of no width."""
+    if os.environ.get("COLUMNS", "").isdigit() and int(os.environ["COLUMNS"]) < NARROWEST:
+        from typer import rich_utils
+
+        rich_utils.MAX_WIDTH = USUAL
+
+
 def main() -> None:
+    _mend_width_of_help()
     try:
         sys.exit(program()(standalone_mode=False, prog_name="./shadelab") or 0)
     except typer.Exit as done:

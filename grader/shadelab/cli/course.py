@@ -5,10 +5,9 @@ from typing import Annotated, Optional
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from shadelab.cli.options import progress_bar
+from shadelab.cli.options import console, progress_bar
 from shadelab.paths import SOLUTION, shown
 
 
@@ -32,7 +31,7 @@ def reference(name: Annotated[str, typer.Argument(metavar="NAME", help="an assig
         for backend, programs in languages.items():
             floor, farthest = max((error, name) for name, error in programs.items())
             table.add_row(function, backend, f"{floor:.2g}", f"{function_limit(floor, backend):.2g}", farthest)
-    Console(highlight=False).print(table)
+    console().print(table)
 
 
 def check(
@@ -56,7 +55,7 @@ def check(
         declared = find_assignment(SOLUTION / name, name)
         with progress_bar() as progress:
             matrix = run_check(declared, progress, images)
-        missed += print_matrix(declared.name, matrix, Console(highlight=False))
+        missed += print_matrix(declared.name, matrix, console())
     if missed:
         raise typer.Exit(1)
 

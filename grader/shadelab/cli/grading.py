@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
 
-from shadelab.cli.options import AssignmentName, Json, Submission, json_option, make_folder, progress_bar
+from shadelab.cli.options import AssignmentName, Json, Submission, console, json_option, make_folder, progress_bar
 from shadelab.errors import UserError
 from shadelab.paths import shown
 
@@ -117,7 +116,7 @@ def report(
             print("no pictures of hidden scenes: only grade --hidden-details keeps them", file=sys.stderr)
     else:
         print(f"{shown(directory)}: holds no evidence/about.json, so report.html is not made", file=sys.stderr)
-    print_result(result, Console(highlight=False), page if title else None, hidden_details)
+    print_result(result, console(), page if title else None, hidden_details)
 
 
 def stability(

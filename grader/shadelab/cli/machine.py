@@ -6,8 +6,8 @@ import sys
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
 
+from shadelab.cli.options import console
 from shadelab.paths import ROOT
 
 
@@ -21,7 +21,7 @@ def doctor() -> None:
     """Say what this machine can do, and how to mend what it can't."""
     from shadelab.inspect.doctor import examine
 
-    output = Console(highlight=False)
+    output = console()
     findings = examine()
     for finding in findings:
         mark = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]bad [/]"}[finding.state]

@@ -1,5 +1,9 @@
 """What commands share: options, where output goes, and progress."""
 
+import sys
+import threading
+import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, Optional
@@ -11,7 +15,19 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from shadelab.errors import UserError
 from shadelab.paths import SCENES, shown
 
-errors = Console(stderr=True, highlight=False)
+NARROWEST, USUAL = 20, 80  # columns of a terminal
+FIRST_LINE, NEXT_LINE = 5.0, 10.0  # seconds until progress is told where no bar can be drawn, and between two lines
+
+
+def console(stderr: bool = False) -> Console:
+    """COLUMNS of 0 (an editor's or a build server's) is no width that a table fits into."""
+    made = Console(stderr=stderr, highlight=False)
+    if made.width < NARROWEST:
+        made.width = USUAL
+    return made
+
+
+errors = console(stderr=True)
 
 Backend = Literal["cpp", "glsl"]
 Submission = Annotated[Path, typer.Argument(metavar="DIR", help="the folder with shading.cpp and shading.glsl")]
@@ -31,9 +47,9 @@ def json_option(what: str):
 
 @contextmanager
 def progress_bar():
-    """A callable (what, done, total) that draws on stderr, where somebody looks at it."""
+    """A callable (what, done, total) that tells on stderr how far it is: a bar on a terminal, elsewhere a line now and then."""
     if not errors.is_terminal:
-        yield lambda what, done, total: None
+        yield progress_lines()
         return
     columns = [
         TextColumn("{task.description}"),
@@ -46,6 +62,20 @@ def progress_bar():
         yield lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
 
 
+def progress_lines() -> Callable[[str, float, float], None]:
+    """What is done soon says nothing. Called from several threads."""
+    next_line, lock = time.monotonic() + FIRST_LINE, threading.Lock()
+
+    def tell(what: str, done: float, total: float) -> None:
+        nonlocal next_line
+        with lock:
+            if time.monotonic() >= next_line:
+                next_line = time.monotonic() + NEXT_LINE
+                print(f"{what} ({done:.0f} of {total:.0f})", file=sys.stderr, flush=True)
+
+    return tell
+
+
 class Json:
     """Where --json goes. What people read goes to stdout, or to stderr when the JSON takes stdout."""
 
@@ -56,7 +86,7 @@ class Json:
 
     @property
     def console(self) -> Console:
-        return errors if self.target == "-" else Console(highlight=False)
+        return errors if self.target == "-" else console()
 
     def write(self, text: str) -> None:
         if self.target == "-":

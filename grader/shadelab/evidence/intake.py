@@ -5,6 +5,7 @@ from pathlib import Path
 from shadelab.course.assignment import Assignment
 from shadelab.errors import UserError
 from shadelab.paths import shown
+from shadelab.words import decoded, has_mark
 
 MAX_BYTES = 1 << 20
 
@@ -28,7 +29,8 @@ def take(submission: Path, assignment: Assignment, folder: Path) -> dict[str, st
         elif source.stat().st_size > MAX_BYTES:
             out[name] = f"{name} is larger than {MAX_BYTES >> 20} MiB"
         else:
-            # Some editors open a file with a byte order mark, which GLSL compilers do not know. Nothing else is changed.
-            target.write_bytes(source.read_bytes().removeprefix(b"\xef\xbb\xbf"))
+            # Some editors begin a file with a byte order mark, or write UTF-16; compilers know neither. Nothing else is changed.
+            data = source.read_bytes()
+            target.write_bytes(decoded(data).encode() if has_mark(data) else data)
             out[name] = None
     return out

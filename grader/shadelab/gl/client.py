@@ -13,6 +13,7 @@ took the process with it.
 """
 
 import json
+import re
 import sys
 import time
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ import numpy as np
 from shadelab.errors import UserError
 from shadelab.gl.context import create_context, describe
 from shadelab.gl.packet import Packet
+from shadelab.words import decoded
 
 # Each text has its own line numbers, so that a driver's message tells which one it means (see glue.hpp).
 PRELUDE_LINE, MAIN_LINE = 1_000_001, 2_000_001
@@ -255,6 +257,19 @@ def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
     framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
 
 
+# What stands before every shader already, and may stand nowhere else.
+_first_lines = re.compile(r"^[ \t]*#[ \t]*(version|extension)\b.*$", re.MULTILINE)
+# `const` of a parameter: a prototype of ours has none, and drivers want the two alike.
+_const_parameter = re.compile(r"(?<=[(,])(\s*)const\s+(?=(in\s+)?\w+\s+\w+\s*[,)])")
+
+
+def student_text(data: bytes) -> str:
+    """A student's file as it goes to the driver, line for line: in any encoding that says which it is, without the lines that
+    the framework writes, and with parameters as the prototypes have them."""
+    text = decoded(data).replace("\r\n", "\n").replace("\r", "\n")
+    return _const_parameter.sub(r"\1", _first_lines.sub("", text))
+
+
 def run(job: dict[str, Any], client: Client) -> list[float]:
     """Returns the seconds of frames alone, where they are drawn."""
     if job["kind"] == "compile":
@@ -278,7 +293,7 @@ def main() -> None:
             status.write(json.dumps({"begin": index}) + "\n")
             start, message, students, frames = time.perf_counter(), None, False, []
             try:
-                client.student = Path(job.get("student", task["student"])).read_text(errors="replace")
+                client.student = student_text(Path(job.get("student", task["student"])).read_bytes())
                 frames = run(job, client)
             except ShaderError as error:
                 message, students = str(error), True
