@@ -14,6 +14,7 @@ from shadelab.evidence.tasks import Evaluate
 from shadelab.grading import kinds, planning
 from shadelab.grading.grade import grade
 from shadelab.grading.kinds import image
+from shadelab.grading.pictures import PictureFolder
 from shadelab.grading.planning import plan_checks
 from shadelab.grading.worst import write_worst_inputs
 from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
@@ -208,6 +209,20 @@ def test_a_new_kind_of_check_is_a_module_and_a_line_of_a_list(small, together, m
     write_html(grading.result, grading.pictures, tmp_path / "report.html", assignment.title)
     for text in [(tmp_path / "report.html").read_text(), *(made.text(grading.result) for made in FORMATS.values())]:
         assert "is the same twice" in text or "repeat" in text
+
+
+def test_of_a_scene_that_both_languages_have_right_the_total_is_kept(tmp_path):
+    """All terms are of use where something is wrong; and 13 channels are 14 MB a picture."""
+    kept, layers = PictureFolder(tmp_path, kept=True), np.ones((2, 2, 13), np.float32)
+    for scene, verdicts in {"a": "pp", "b": "pf", "c": "fp", "d": "ff", "e": "p"}.items():
+        for backend, verdict in zip(("cpp", "glsl"), verdicts):
+            kept.keep(backend, scene, layers, verdict == "f")
+    assert not kept.file("cpp", "e").exists()  # the other language may still fail
+    kept.flush()
+    channels = {f"{f.parent.name}/{f.stem}": np.load(f).shape[-1] for f in tmp_path.rglob("*.npy")}
+    assert channels == {
+        "cpp/a": 3, "glsl/a": 3, "cpp/b": 13, "glsl/b": 13, "cpp/c": 13, "glsl/c": 13, "cpp/d": 13, "glsl/d": 13, "cpp/e": 3,
+    }  # fmt: skip
 
 
 def test_a_graded_folder_shares_no_file_with_the_expected_data(gradings, small):

@@ -102,6 +102,8 @@ def grade(
         except KeyboardInterrupt:
             stop.set()
             raise
+    if kept:
+        kept.flush()
     for plan in plans.get("both", []):
         record(judge_both(plan, ledgers), None)
     result.checks.sort(key=lambda check: order[check.id])

@@ -1,6 +1,7 @@
 """Images of a grading, as files: what a submission drew, and beside it what was expected, so that any report can be made later.
 
-evidence/BACKEND/SCENE.npy          (H, W, 13) float32, the CHANNELS up to coverage
+evidence/BACKEND/SCENE.npy          (H, W, 13) float32, the CHANNELS up to coverage; where the scene is right in both languages
+                                    (H, W, 3), the total alone
 evidence/expected/SCENE.npz, .json  as in the expected data (truth/expected.py)
 evidence/about.json                 what reports say beside the result
 """
@@ -49,7 +50,7 @@ class Pictures:
 
     @cached_property
     def layers(self) -> np.ndarray | None:
-        """The student's (H, W, 13) float32, the CHANNELS up to coverage; None: there is no picture."""
+        """The student's (H, W, 13) float32, the CHANNELS up to coverage, or (H, W, 3), the total; None: there is no picture."""
         if not self.drawn.exists():
             return None
         with readable(self.drawn):
@@ -101,6 +102,9 @@ class PictureFolder:
     def __init__(self, folder: Path, kept: bool, hidden: bool = False) -> None:
         # Absolute: an assignment's own checks read them from a process that stands in another folder.
         self.folder, self.kept, self._hidden = folder.absolute(), kept, hidden
+        self._lock = threading.Lock()  # the languages are judged at the same time
+        self._failed: set[str] = set()
+        self._waiting: dict[str, tuple[str, np.ndarray]] = {}  # scene -> backend and layers of one that passed
 
     def keeps(self, scene: Scene) -> bool:
         return self.kept and (self._hidden or not scene.hidden)
@@ -114,6 +118,25 @@ class PictureFolder:
 
     def truth_file(self, scene: str) -> Path:
         return self.folder / "expected" / f"{scene}.npz"
+
+    def keep(self, backend: str, scene: str, layers: np.ndarray, failed: bool) -> None:
+        """What reports show: everything of a scene that fails in either language, of others the total. So one that passes waits
+        for the other language's verdict; flush() is the end of waiting."""
+        with self._lock:
+            waiting = self._waiting.pop(scene, None)
+            if failed:
+                self._failed.add(scene)
+            elif scene not in self._failed and waiting is None:
+                self._waiting[scene] = backend, layers
+                return
+            whole = scene in self._failed
+        for drawn_by, drawn in [(backend, layers), *([waiting] if waiting else [])]:
+            self.save(drawn_by, scene, drawn if whole else drawn[..., :3])
+
+    def flush(self) -> None:
+        for scene, (backend, layers) in self._waiting.items():
+            self.save(backend, scene, layers[..., :3])
+        self._waiting.clear()
 
     def save(self, backend: str, scene: str, layers: np.ndarray) -> None:
         file = self.file(backend, scene)

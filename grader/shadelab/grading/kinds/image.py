@@ -59,10 +59,11 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
         failure = output.failure or f"gave an image of another size: {layers.shape}"
         ledger.undrawn[scene.name] = failure
         return plan.check("failed", f"{scene.name}: the render {failure}")
-    asked_again = ledger.assignment.custom and not scene.hidden  # by custom checks
-    if ledger.pictures.keeps(scene) or asked_again:
-        ledger.pictures.save(ledger.backend, scene.name, layers)
     check = judge_image(scene, ledger.backend, plan.points, truth, layers)
+    if ledger.assignment.custom and not scene.hidden:  # custom checks ask for pictures, too
+        ledger.pictures.save(ledger.backend, scene.name, layers)
+    elif ledger.pictures.keeps(scene):
+        ledger.pictures.keep(ledger.backend, scene.name, layers, check.status == "failed")
     check.runs = [Render(**run) for run in truth.facts.runs]
     off = layers[..., :3].astype(np.float64) - truth.total
     if output.frames and np.isfinite(off).all():
