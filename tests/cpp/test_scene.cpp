@@ -295,6 +295,7 @@ TEST_CASE("every mistake in a scene file is one line with file, line and key") {
     } examples[] = {
         // unknown keys, with the nearest known one
         {"width = 64", "widht = 64", "film.widht", "unknown key; did you mean \"width\"?"},
+        {"[camera]", "[camara]", "camara", "unknown key; did you mean \"camera\"?"},
         {"fov_y = 60", "fovy = 60", "camera.fovy", "unknown key; did you mean \"fov_y\"?"},
         {"attenuation = [1, 0.5", "atenuation = [1, 0.5", "light[0].atenuation", "did you mean \"attenuation\"?"},
         {"q = 32", "q = 32\nshininess = 3", "material.clay.shininess", "unknown key; known here: "},

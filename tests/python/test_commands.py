@@ -1,5 +1,6 @@
 """render, eval, reference, starter and doctor, through the command line."""
 
+import json
 import shutil
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from PIL import Image
 
 from conftest import ROOT
+from shadelab.cli import options as cli_options
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.hidden import draw_hidden_scenes
 from shadelab.truth.digest import digest
@@ -217,3 +219,68 @@ def test_eval_refuses_what_is_no_npz(shadelab, tmp_path):
     for name in ("broken.npz", "empty.npz", "plain.npy"):
         done = shadelab("eval", PHONG, "half_vector", "--inputs", name)
         assert done.code == 2 and len(done.stderr.strip().splitlines()) == 1 and name in done.stderr
+
+
+def test_eval_takes_inputs_by_hand(shadelab, tmp_path):
+    given = [f"--set={name}" for name in ("n=0,1,0", "l=0,1,0", "v=0,0.6,0.8", "q=2")]
+    done = shadelab("eval", ROOT / "solution" / "phong", "phong_lobe", *given, "-o", tmp_path / "one.npz")
+    assert done.code == 0 and "q = 2" in done.stdout, done.stderr
+    assert np.load(tmp_path / "one.npz")["result"] == pytest.approx([0.36], rel=1e-6)
+    # Beside an array: for each of its rows.
+    np.savez(tmp_path / "in.npz", n=[[0, 1, 0]] * 2, l=[[0, 1, 0]] * 2, v=[[0, 0.6, 0.8], [0, 1, 0]])
+    mixed = ["--inputs", tmp_path / "in.npz", "--set", "q=2", "-o", tmp_path / "two.npz"]
+    done = shadelab("eval", ROOT / "solution" / "phong", "phong_lobe", *mixed)
+    assert done.code == 0, done.stderr
+    assert np.load(tmp_path / "two.npz")["result"] == pytest.approx([0.36, 1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "settings, words",
+    [
+        ([], "which inputs? Give --inputs IN.npz, or --set for each of n, l, v, q"),
+        (["q=1"], "the input n is missing"),
+        (["n=0,1"], "--set n=0,1: n takes 3 numbers, as in n=0,0,1"),
+        (["q=1,2"], "q takes a number"),
+        (["q=much"], "q takes a number"),
+        (["m.q=1"], "--set m.q=1: the inputs are n, l, v, q"),
+    ],
+)
+def test_eval_says_what_is_wrong_with_inputs_by_hand(shadelab, settings, words):
+    done = shadelab("eval", ROOT / "solution" / "phong", "phong_lobe", *(f"--set={s}" for s in settings))
+    assert done.code == 2 and words in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "wide"])
+def test_any_width_of_a_terminal_will_do(shadelab, columns):
+    for command in (["--help"], ["grade", "--help"], ["doctor"]):
+        done = shadelab(*command, COLUMNS=columns)
+        assert done.code == 0 and len(done.stdout) > 500 and "Traceback" not in done.stderr
+    only = ["--only", "*/function/half_vector", "--only", "cpp/function/mirror_direction", "--no-html"]
+    done = shadelab("grade", ROOT / "starter" / "phong", *only, COLUMNS=columns)
+    assert done.code == 0 and "half_vector" in done.stdout and "mirror_direction" in done.stdout, done.stderr
+
+
+def test_only_what_was_asked_for_and_each_of_it_is_there(shadelab):
+    grade = ["grade", ROOT / "solution" / "phong", "--no-html", "--json", "-"]
+    done = shadelab(*grade, "--only", "cpp/function/half_vector", "--only", "glsl/function/phong_lobe")
+    assert [c["id"] for c in json.loads(done.stdout)["checks"]] == [
+        "cpp/build", "cpp/function/half_vector", "glsl/build", "glsl/function/phong_lobe",
+    ]  # fmt: skip
+    done = shadelab(*grade, "--only", "cpp/function/half_vector", "--only", "none")
+    assert done.code == 2 and "--only none: no check" in done.stderr
+    done = shadelab(*grade[:3], "--only", "cpp/build")
+    assert done.code == 0 and "it carries no points" in done.stdout and "every check" not in done.stdout
+
+
+def test_a_planned_command_says_that_it_is_planned(shadelab):
+    for name in ("view", "lecture", "site", "fit", "acquire", "cohort"):
+        done = shadelab(name, "x")
+        assert (done.code, done.stdout) == (2, "") and done.stderr.startswith(f"{name}: is planned")
+
+
+def test_long_work_is_told_off_a_terminal_too(capfd, monkeypatch):
+    monkeypatch.setattr(cli_options, "FIRST_LINE", -1.0)
+    tell = cli_options.progress_lines()
+    for done in range(50):
+        tell("reference phong: tables", done, 50)
+    assert capfd.readouterr().err == "reference phong: tables (0 of 50)\n"  # the next is due in ten seconds

@@ -99,8 +99,8 @@ struct Cursor {
         if (at != end) pass_line_end();
     }
 
-    /// Whether a number stands here. "nan", "inf" and what is too large for a double are numbers, if not finite ones; "1.#IND" and
-    /// its like, which an old library wrote for them, too.
+    /// Whether a number stands here. "nan", "inf" and what is too large for a double are numbers, if not finite ones;
+    /// "1.#IND" and its like, which an old library wrote for them, too.
     bool read(double& value) {
         const char* const from = at + starts('+');  // from_chars takes no plus
         const auto [rest, error] = std::from_chars(from, end, value);
@@ -129,8 +129,8 @@ struct Cursor {
         at = rest;
         return error == std::errc();
     }
-    /// Whether a corner of a face stands here: v, v/t, v//n or v/t/n, with or without a slash at the end. The t is passed over: no
-    /// scene has textures.
+    /// Whether a corner of a face stands here: v, v/t, v//n or v/t/n, with or without a slash at the end. The t is passed
+    /// over: no scene has textures.
     bool read(Corner& corner) {
         corner.normal = no_normal;
         if (!read(corner.position)) return false;
@@ -151,7 +151,7 @@ bool finite(glm::dvec3 p) { return std::isfinite(p.x) && std::isfinite(p.y) && s
 
 bool is_direction(glm::dvec3 normal) { return finite(normal) && glm::length(normal) > 0; }
 
-/// What an OBJ file may hold besides, and what changes no triangle: texture coordinates, names, lines, points, free-form surfaces.
+/// What an OBJ file may hold besides, and what changes no triangle: texture coordinates, names, lines, points, free forms.
 bool is_passed_over(std::string_view statement) {
     constexpr std::string_view words[] = {"vt",    "vp",       "l",         "p",          "g",      "o",      "usemtl",
                                           "mg",    "cstype",   "deg",       "bmat",       "step",   "curv",   "curv2",

@@ -203,7 +203,13 @@ TomlReader TomlReader::table_at(const toml::node& node, const std::string& path,
 
 TomlReader TomlReader::child(const std::string& key) {
     const toml::node* node = find(key);
-    if (!node) fail(key, "is missing; add a [" + key + "] table");
+    if (!node) {
+        // A slip of the pen is more likely than that the whole table was forgotten.
+        for (const auto& [name, other] : table_)
+            if (!known_.count(std::string(name.str())) && nearest(std::string(name.str()), {key}) == key)
+                fail(std::string(name.str()), "unknown key; did you mean \"" + key + "\"?");
+        fail(key, "is missing; add a [" + key + "] table");
+    }
     return table_at(*node, path_.empty() ? key : path_ + "." + key, key);
 }
 

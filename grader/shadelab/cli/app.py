@@ -7,6 +7,7 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 import functools
 import importlib
 import os
+import re
 import sys
 
 import typer
@@ -18,6 +19,7 @@ from shadelab.paths import ROOT
 # In the order of `--help`. A release holds no solution: what instructors use is not there.
 GROUPS = ("grading", "drawing", "course", "measuring", "release", "machine")
 INSTRUCTORS = ("course", "measuring", "release")
+PLANNED = ("view", "lecture", "site", "fit", "acquire", "cohort")  # commands whose names are settled
 
 app = typer.Typer(
     add_completion=False,
@@ -55,6 +57,14 @@ def _mend_width_of_help() -> None:
         rich_utils.MAX_WIDTH = USUAL
 
 
+def _told(usage: str) -> str:
+    """What a usage error says, in one line."""
+    asked = re.match(r"No such command '(\w+)'", usage)
+    if asked and asked[1] in PLANNED:
+        return f"{asked[1]}: is planned and not there yet; ./shadelab --help lists what is"
+    return usage
+
+
 def main() -> None:
     _mend_width_of_help()
     try:
@@ -62,7 +72,7 @@ def main() -> None:
     except typer.Exit as done:
         sys.exit(done.exit_code)
     except _UsageError as error:
-        print(" ".join(error.format_message().split()), file=sys.stderr)
+        print(_told(" ".join(error.format_message().split())), file=sys.stderr)
         sys.exit(2)
     except typer.Abort:
         print("interrupted", file=sys.stderr)

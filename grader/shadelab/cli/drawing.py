@@ -23,7 +23,10 @@ from shadelab.errors import UserError
 from shadelab.machine.sandbox import Limits, Sandbox, work_folder
 from shadelab.paths import ROOT, shown
 
-if TYPE_CHECKING:  # it brings numpy, which takes as long as all the rest of a command's start
+if TYPE_CHECKING:  # they bring numpy, which takes as long as all the rest of a command's start
+    import numpy as np
+
+    from shadelab.course.assignment import Column
     from shadelab.machine.renderer import Needs, View
 
 SHOWN = 1 << 20  # bytes of a program's output that render and eval show
@@ -233,11 +236,17 @@ def evaluate(
         str, typer.Argument(metavar="FUNCTION", help="a function of the assignment, for example phong_lobe")
     ],
     inputs: Annotated[
-        Path,
+        Optional[Path],
         typer.Option(
             "--inputs", metavar="IN.npz", help="arrays named as the arguments; a struct's members as arg.member"
         ),
-    ],
+    ] = None,
+    set_: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="one input by hand, for example q=32 or n=0,0,1; may be repeated"
+        ),
+    ] = None,
     output: Annotated[
         Optional[Path], typer.Option("-o", "--output", metavar="OUT.npz", help="holds result, or result.member")
     ] = None,
@@ -247,9 +256,15 @@ def evaluate(
 ) -> None:
     """Evaluate one function over arrays and show what it computes and prints.
 
-    IN.npz holds one array per argument; the first axis is the evaluation. For example, in Python:
+    Inputs by hand:
+
+        ./shadelab eval starter/phong phong_lobe --set n=0,1,0 --set l=0,1,0 --set v=0,0.6,0.8 --set q=32
+
+    Many at once: IN.npz holds one array per argument; the first axis is the evaluation. For example, in Python:
 
         np.savez("in.npz", n=[[0, 1, 0]], l=[[0, 1, 0]], v=[[0, 0.6, 0.8]], q=[32])
+
+    Both: --set takes the place of an array, for all rows.
     """
     import numpy as np
 
@@ -263,12 +278,15 @@ def evaluate(
         raise UserError("--double: GLSL 330 computes in float only; use --backend cpp")
     declared = find_assignment(directory, assignment)
     wanted = declared.function(function)
+    columns = wanted.inputs
+    if inputs is None and not set_:
+        raise UserError(f"which inputs? Give --inputs IN.npz, or --set for each of {', '.join(_paths(columns))}")
     try:
-        arrays = dict(np.load(inputs, allow_pickle=False))
+        arrays = dict(np.load(inputs, allow_pickle=False)) if inputs else {}
         arrays = {name: np.asarray(array, float) for name, array in arrays.items()}
     except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
         raise UserError(f"{shown(inputs)}: cannot be read as .npz; write it with numpy.savez") from None
-    columns = wanted.inputs
+    arrays |= _by_hand(set_ or [], columns, max((len(np.atleast_1d(a)) for a in arrays.values()), default=1))
     rows = flat_rows(columns, arrays, np.float64 if double else np.float32)
     with work_folder("eval") as work:
         sandbox = Sandbox(work, SHOWN)
@@ -289,6 +307,32 @@ def evaluate(
         print(f"{function}({given})\n    {came}")
     if len(rows) > 10:
         print(f"... {len(rows) - 10} more" + ("" if output else "; -o OUT.npz writes them all"))
+
+
+def _paths(columns: list["Column"]) -> dict[str, int]:
+    """The inputs by name, and how many numbers each takes."""
+    return {column.path: column.width for column in columns}
+
+
+def _by_hand(settings: list[str], columns: list["Column"], rows: int) -> dict[str, "np.ndarray"]:
+    """What --set says, once for each row. Raises UserError."""
+    import numpy as np
+
+    arrays, widths = {}, _paths(columns)
+    for setting in settings:
+        name, _, text = setting.partition("=")
+        if name not in widths:
+            raise UserError(f"--set {setting}: the inputs are {', '.join(widths)}")
+        try:
+            numbers = [float(number) for number in text.split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) != widths[name]:
+            example = ",".join(["0", "0", "1", "0"][: widths[name]]) if widths[name] > 1 else "32"
+            count = "a number" if widths[name] == 1 else f"{widths[name]} numbers"
+            raise UserError(f"--set {setting}: {name} takes {count}, as in {name}={example}")
+        arrays[name] = np.tile(numbers, (rows, 1)) if widths[name] > 1 else np.full(rows, numbers[0])
+    return arrays
 
 
 def _short(value) -> str:

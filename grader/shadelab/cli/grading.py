@@ -37,8 +37,11 @@ def grade(
         Optional[float], typer.Option(min=0, max=100, metavar="P", help="exit with 1 when the score is under P percent")
     ] = None,
     only: Annotated[
-        str, typer.Option(metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'")
-    ] = "*",
+        Optional[list[str]],
+        typer.Option(
+            metavar="GLOB", help="only checks whose id matches, for example 'cpp/function/*'; may be repeated"
+        ),
+    ] = None,
     format: Formats = None,
     html: Annotated[bool, typer.Option(help="write report.html; without it, no picture is kept")] = True,
     hidden_details: HiddenDetails = False,
@@ -58,10 +61,12 @@ def grade(
     from shadelab.report.terminal import print_result
 
     declared = find_assignment(directory, assignment)
-    if not any(plan_checks(declared, only).values()):
-        raise UserError(
-            f"--only {only}: no check of {declared.name} has such an id; ids look like cpp/function/{declared.functions[0].name}"
-        )
+    for pattern in only or []:
+        if not any(plan_checks(declared, pattern).values()):
+            raise UserError(
+                f"--only {pattern}: no check of {declared.name} has such an id; ids look like "
+                f"cpp/function/{declared.functions[0].name}"
+            )
     json = Json(json_)
     check_formats(format)
     out = make_folder(out or Path("out") / declared.name)
@@ -71,7 +76,7 @@ def grade(
             write_format(name, result, out)
 
     with progress_bar() as progress:
-        grading = run_grade(declared, directory, out, only, progress, rewrite, html, hidden_details)
+        grading = run_grade(declared, directory, out, only or "*", progress, rewrite, html, hidden_details)
     result = grading.result
     write_worst_inputs(declared, result, directory, out)
     rewrite(result)

@@ -4,7 +4,7 @@ import hashlib
 import platform
 import shutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +41,7 @@ def grade(
     assignment: Assignment,
     submission: Path,
     out: Path | None = None,
-    only: str | set[str] = "*",
+    only: str | Collection[str] = "*",
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
     rewrite: Callable[[Result], None] = lambda result: None,
     pictures: bool = True,
@@ -51,7 +51,7 @@ def grade(
     `rewrite` is called as often, for further reports that shall survive. pictures: with `out`, keep the images there, for reports
     (of hidden scenes with `hidden_pictures` alone), and measure the time of a frame more than once.
 
-    `only` restricts to checks whose id matches a shell pattern or is in a set; a backend without any is not built.
+    `only` restricts to checks whose id matches a shell pattern, or one of several; a backend without any is not built.
     """
     expected = making.load(assignment, progress)
     plans = plan_checks(assignment, only)

@@ -1,5 +1,6 @@
 """What is to be checked of a submission: every kind of check says it for itself."""
 
+from collections.abc import Collection
 from fnmatch import fnmatch
 from types import ModuleType
 
@@ -9,16 +10,16 @@ from shadelab.grading.plan import Plan
 from shadelab.words import BACKENDS
 
 
-def plan_checks(assignment: Assignment, only: str | set[str] = "*") -> dict[str, list[Plan]]:
+def plan_checks(assignment: Assignment, only: str | Collection[str] = "*") -> dict[str, list[Plan]]:
     """Per backend, in the order of the data flow; under "both" what is asked of the two together. Points are halved between
     the languages.
 
-    A backend of which a check is wanted is built; the build's own check stands first. only: a shell pattern for ids, or a set
-    of ids.
+    A backend of which a check is wanted is built; the build's own check stands first. only: ids, or shell patterns for them.
     """
+    patterns = [only] if isinstance(only, str) else only
 
     def is_wanted(plan: Plan) -> bool:
-        return fnmatch(plan.id, only) if isinstance(only, str) else plan.id in only
+        return any(fnmatch(plan.id, pattern) for pattern in patterns)
 
     def planned(kind: ModuleType, backend: str) -> list[Plan]:
         items = kind.items(assignment)

@@ -118,6 +118,8 @@ def first_step(result: Result) -> tuple[str, Check | None]:
         return "Nothing failed so far, but grading was cut off: run it again.", None
     if skipped:
         return "Nothing failed; see why some checks were skipped.", None
+    if not any(check.max_score for check in result.checks):
+        return "What was asked for passes; it carries no points.", None
     return "Nothing to mend: every check passes.", None
 
 
