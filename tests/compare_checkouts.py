@@ -316,7 +316,9 @@ def array(values: np.ndarray) -> tuple:
 def words(text: str, checkout: Path) -> str:
     """Without what differs from one run to the next: times and shares of time, digests, folders."""
     text = text.replace(str(checkout), "CHECKOUT")
+    text = re.sub(r"(?m)^.* \(\d+ of \d+\)\n", "", text)  # progress, which stands there when a command takes long
     text = re.sub(r"\b[0-9a-f]{12,64}\b", "DIGEST", text)
+    text = re.sub(r"'sha256-[A-Za-z0-9+/=]+'", "DIGEST", text)  # of a report's script, comments included
     text = re.sub(r"\b[0-9][0-9.]*(e-?[0-9]+)?\s?(ns|us|µs|ms|s|seconds|%)(?![\w])", r"TIME", text)
     text = re.sub(r"(saves|costs) (-?[0-9.]+ of|nothing that shows in)", r"\1 PART of", text)
     text = re.sub(r"<td>[^<]*\([^<]+ to [^<]+\)</td>", "<td>TIME</td>", text)
