@@ -80,6 +80,8 @@ def check(monkeypatch):
         narrow = {"only": "*/function/mirror_direction"}
         monkeypatch.setattr(checking, "grade", lambda *a, **k: grade(*a, **{**k, **narrow}))
         done = CliRunner().invoke(program(), ["check", "phong"], env={"COLUMNS": "200"})
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception  # which ./shadelab would tell in a line, and end with another code
         return done.exit_code, done.stdout
 
     return run
