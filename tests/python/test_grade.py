@@ -377,3 +377,15 @@ def test_messages_say_what_to_do(grade, submission, language, change, words):
     build = grade(submission(**{language: change}), only=f"{language}/build")["by_id"][f"{language}/build"]
     assert build["status"] == "failed" and words in build["message"], build["message"]
     assert build["message"].startswith(f"shading.{language}")
+
+
+def test_a_language_that_gives_no_picture_leaves_the_other_ones_report_whole(shadelab, submission, tmp_path):
+    """C++ crashes where GLSL draws what is right: the report shows both."""
+    mirror = "vec3 mirror_direction(vec3 l, vec3 n) {"
+    folder = submission(cpp={mirror: mirror + " *(volatile int*)0 = 1;"})
+    done = shadelab("grade", folder, "--assignment", "phong", "--only", "*/image/sphere", "--out", tmp_path / "out")
+    assert done.code == 0 and "Traceback" not in done.stderr, done.stderr
+    assert (tmp_path / "out" / "report.html").exists()
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    status = {check["id"]: check["status"] for check in result["checks"]}
+    assert (status["cpp/image/sphere"], status["glsl/image/sphere"]) == ("failed", "passed")

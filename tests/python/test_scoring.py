@@ -214,14 +214,16 @@ def test_a_new_kind_of_check_is_a_module_and_a_line_of_a_list(small, together, m
 def test_of_a_scene_that_both_languages_have_right_the_total_is_kept(tmp_path):
     """All terms are of use where something is wrong; and 13 channels are 14 MB a picture."""
     kept, layers = PictureFolder(tmp_path, kept=True), np.ones((2, 2, 13), np.float32)
-    for scene, verdicts in {"a": "pp", "b": "pf", "c": "fp", "d": "ff", "e": "p"}.items():
+    # p passed, f failed, n failed without a picture
+    for scene, verdicts in {"a": "pp", "b": "pf", "c": "fp", "d": "ff", "e": "p", "f": "pn", "g": "np"}.items():
         for backend, verdict in zip(("cpp", "glsl"), verdicts):
-            kept.keep(backend, scene, layers, verdict == "f")
+            kept.keep(backend, scene, None if verdict == "n" else layers, verdict != "p")
     assert not kept.file("cpp", "e").exists()  # the other language may still fail
     kept.flush()
     channels = {f"{f.parent.name}/{f.stem}": np.load(f).shape[-1] for f in tmp_path.rglob("*.npy")}
     assert channels == {
         "cpp/a": 3, "glsl/a": 3, "cpp/b": 13, "glsl/b": 13, "cpp/c": 13, "glsl/c": 13, "cpp/d": 13, "glsl/d": 13, "cpp/e": 3,
+        "cpp/f": 13, "glsl/g": 13,
     }  # fmt: skip
 
 

@@ -119,9 +119,9 @@ class PictureFolder:
     def truth_file(self, scene: str) -> Path:
         return self.folder / "expected" / f"{scene}.npz"
 
-    def keep(self, backend: str, scene: str, layers: np.ndarray, failed: bool) -> None:
+    def keep(self, backend: str, scene: str, layers: np.ndarray | None, failed: bool) -> None:
         """What reports show: everything of a scene that fails in either language, of others the total. So one that passes waits
-        for the other language's verdict; flush() is the end of waiting."""
+        for the other language's verdict; flush() is the end of waiting. `layers` is None when a failure gave no picture."""
         with self._lock:
             waiting = self._waiting.pop(scene, None)
             if failed:
@@ -131,7 +131,8 @@ class PictureFolder:
                 return
             whole = scene in self._failed
         for drawn_by, drawn in [(backend, layers), *([waiting] if waiting else [])]:
-            self.save(drawn_by, scene, drawn if whole else drawn[..., :3])
+            if drawn is not None:
+                self.save(drawn_by, scene, drawn if whole else drawn[..., :3])
 
     def flush(self) -> None:
         for scene, (backend, layers) in self._waiting.items():

@@ -58,6 +58,8 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
     if layers is None or layers.shape != shape:
         failure = output.failure or f"gave an image of another size: {layers.shape}"
         ledger.undrawn[scene.name] = failure
+        if ledger.pictures.keeps(scene):
+            ledger.pictures.keep(ledger.backend, scene.name, None, failed=True)
         return plan.check("failed", f"{scene.name}: the render {failure}")
     check = judge_image(scene, ledger.backend, plan.points, truth, layers)
     if ledger.assignment.custom and not scene.hidden:  # custom checks ask for pictures, too
