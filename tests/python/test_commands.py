@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from conftest import ROOT
+from shadelab.cli import app
 from shadelab.cli import options as cli_options
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.hidden import draw_hidden_scenes
@@ -284,3 +285,11 @@ def test_long_work_is_told_off_a_terminal_too(capfd, monkeypatch):
     for done in range(50):
         tell("reference phong: tables", done, 50)
     assert capfd.readouterr().err == "reference phong: tables (0 of 50)\n"  # the next is due in ten seconds
+
+
+def test_a_fault_of_ours_is_no_low_score(monkeypatch, capsys):
+    """Exit code 1 is a score under --fail-under; what we did wrong is 3."""
+    monkeypatch.setattr(app, "program", lambda: lambda **_: 1 / 0)
+    with pytest.raises(SystemExit) as end:
+        app.main()
+    assert end.value.code == 3 and "a fault of Shadelab, not yours (ZeroDivisionError)" in capsys.readouterr().err

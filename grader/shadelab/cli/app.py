@@ -90,3 +90,11 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
+    except Exception as error:  # whoever runs this in CI must not take it for a low score, which is 1
+        import traceback
+
+        traceback.print_exc()
+        print(
+            f"a fault of Shadelab, not yours ({type(error).__name__}): show this to the course staff", file=sys.stderr
+        )
+        sys.exit(3)
