@@ -1,13 +1,18 @@
 """What expected data is made from is found by reading imports: a module that moves stays in it, and one that is gone is an
 error."""
 
+import gc
 import shutil
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from shadelab.errors import InfrastructureError
 from shadelab.paths import PACKAGE
 from shadelab.truth.closure import import_closure
+from shadelab.truth.digest import MAKER
 
 
 @pytest.fixture
@@ -64,3 +69,24 @@ def test_a_relative_import_is_an_error(package):
     (package / "truth" / "tables.py").write_text("from . import paths\n")
     with pytest.raises(InfrastructureError, match="tables.py:1: imports relatively"):
         import_closure("shadelab.truth.making", package=package)
+
+
+def test_several_gradings_of_one_process_read_sources_at_once():
+    """Python 3.11.2 raises a SystemError when two threads make syntax trees at the same time."""
+    usual, thresholds = sys.getswitchinterval(), gc.get_threshold()
+
+    def other_threads_turn(*_) -> None:
+        """In the middle of a tree, where the collector runs Python code."""
+        time.sleep(0)
+
+    gc.callbacks.append(other_threads_turn)
+    gc.set_threshold(200)
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(lambda _: import_closure(MAKER), range(24)))
+    finally:
+        sys.setswitchinterval(usual)
+        gc.set_threshold(*thresholds)
+        gc.callbacks.remove(other_threads_turn)
+    assert all(files == found[0] for files in found)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from shadelab.errors import UserError
 from shadelab.paths import shown
+from shadelab.sources import syntax_of
 
 
 class CustomCheck(NamedTuple):
@@ -30,7 +31,7 @@ def custom_checks(files: list[Path]) -> list[CustomCheck]:
 
 def _checks_of(file: Path) -> Iterator[CustomCheck]:
     try:
-        tree = ast.parse(file.read_bytes())
+        tree = syntax_of(file)
     except (SyntaxError, ValueError) as error:
         raise UserError(f"{shown(file)}:{getattr(error, 'lineno', None) or 1}: {error.args[0]}") from None
     for node in tree.body:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from shadelab.errors import InfrastructureError
 from shadelab.paths import PACKAGE
+from shadelab.sources import syntax_of
 
 
 def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:
@@ -41,7 +42,7 @@ def _file(name: str, package: Path) -> Path | None:
 def _named(file: Path, package: Path) -> Iterator[str]:
     """The modules of the package that a file names, also inside of functions and for type checkers alone."""
     module = re.compile(rf"{package.name}(\.[a-z_]\w*)*")
-    for node in ast.walk(ast.parse(file.read_bytes(), file.name)):
+    for node in ast.walk(syntax_of(file)):
         if isinstance(node, ast.ImportFrom) and node.level:
             raise InfrastructureError(f"{file}:{node.lineno}: imports relatively; the closure follows full names alone")
         if isinstance(node, ast.ImportFrom) and module.fullmatch(node.module):
