@@ -35,6 +35,7 @@ class CppRunner:
     def __init__(self, assignment: Assignment, sandbox: Sandbox, recipe: Recipe = Recipe()) -> None:  # noqa: B008
         self.assignment, self.sandbox, self.recipe = assignment, sandbox, recipe
         self.plugin: Plugin | None = None
+        self.environment: dict[str, str] = {}  # of what is evaluated
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
@@ -50,7 +51,7 @@ class CppRunner:
 
     def _run(self, command: Command, limits: Limits) -> Outcome:
         """An exit code says nothing about whose fault it is (the student's code may call exit), but a full disk is ours."""
-        outcome = self.sandbox.run(command, limits)
+        outcome = self.sandbox.run(command, limits, self.environment)
         if not outcome.ok and shutil.disk_usage(self.sandbox.folder).free < limits.file_size:
             raise InfrastructureError(f"the disk is nearly full: {self.sandbox.folder}")
         return outcome

@@ -1,42 +1,45 @@
-"""Which of the declared mistakes a submission makes. Every mistake was evaluated on the inputs that the student's function is
-evaluated on; the one that gives the same numbers is named, and none when none clearly does. Only numbers are compared."""
+"""What a wrong function does, from its numbers alone. First the declared mistakes: each was evaluated on the inputs that the student's
+function is evaluated on. Then a search: what happens to the result (relations.py), the reference with one thing changed and the
+reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and several at once.
+Last, where it is wrong (places.py). Nothing is told that does not explain clearly better than the truth and than anything else."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from shadelab.course.assignment import Function
 from shadelab.judge.functions import FunctionJudgement
+from shadelab.judge.places import Place, place_of
+from shadelab.judge.relations import (
+    MARGIN,
+    UNEXPLAINED,
+    Candidate,
+    Comparison,
+    Explanation,
+    monomial,
+    of_directions,
+    of_members,
+    of_result,
+)
 from shadelab.result import Mistake
-from shadelab.truth.expected import Expected, Table
-from shadelab.truth.measures import FACTOR, SMALL
+from shadelab.truth.expected import Expected
 
-# A mistake explains a row when it gives the student's numbers within this relative error (or the function's limit, where that is
-# wider): the same mistake written in other words rounds differently.
-ALIKE = 1e-3
-# It is named when the truth, and every other mistake, leave at least MARGIN times as many rows unexplained, one added to both
-# counts: two rows that agree for no other reason are no coincidence, one may be. And when it explains all but a tenth of what
-# is wrong; a pair, when that holds of what the two explain together.
-MARGIN = 3.0
-UNEXPLAINED = 0.1
-# Each of a pair explains at least this share of what is wrong, and more than the other does already.
+# Each of several explains at least this share of what is wrong, and more than the others do already.
 PART = 0.05
-
-
-@dataclass
-class Candidate:
-    id: str
-    function: str  # where the mistake is made: the judged function or one that it calls
-    hint: str
-    output: np.ndarray  # (N, results): what the judged function gives then
+SEVERAL = 3
+UNDECLARED = "undeclared"  # id of a mistake that was found by searching
+SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
+HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
+FEWEST = 8  # wrong rows among those of which everything is known
 
 
 @dataclass
 class Diagnosis:
     mistake: Mistake
     function: str
-    other: Candidate | None = None  # a second mistake, where it takes two to explain what came
+    said: str = ""  # for the message, beside the hint: what the search found
+    others: list[str] = field(default_factory=list)  # further mistakes in the same function, as hints
 
 
 def candidates(expected: Expected, function: Function, backend: str) -> list[Candidate]:
@@ -50,17 +53,54 @@ def candidates(expected: Expected, function: Function, backend: str) -> list[Can
     return sorted(known, key=lambda c: c.function != function.name)
 
 
+def hypotheses(expected: Expected, function: Function) -> list[Candidate]:
+    """What was evaluated beside them: the reference with one thing changed."""
+    return [
+        Candidate("", h.function, "", h.values, h.rows, h.words, h.everywhere) for h in expected.hypotheses(function)
+    ]
+
+
 def diagnose(
-    judgement: FunctionJudgement, actual: np.ndarray, limit: float, known: list[Candidate], members: list[slice]
+    judgement: FunctionJudgement,
+    function: Function,
+    actual: np.ndarray,
+    limit: float,
+    declared: list[Candidate],
+    changed: list[Candidate],
+    members: list[slice],
+    right: frozenset[str] = frozenset(),
 ) -> Diagnosis | None:
-    """The mistake (or two) that explain what a failed function gave; None when it is none that is declared."""
+    """declared, changed: see above; with follow-through there are no `changed` ones. right: functions whose own check passed: they
+    explain nothing, unless the judged one does over again what they do."""
+    search = _Search(judgement, function, actual, limit, members, changed, right)
+    found = _declared(judgement, function, actual, limit, [c for c in declared if c.function not in right], members)
+    if found is not None:
+        if found.function == function.name and (also := search.equal_to(found.mistake.id, declared)):
+            found.said = also
+        return found
+    own = [c for c in declared if c.function not in right]
+    return (
+        search.whole()
+        or search.by_members()
+        or _declared(judgement, function, actual, limit, own, members, pairs=True)
+        or search.several(own)
+        or search.blamed(declared)
+    )
+
+
+def _declared(
+    judgement: FunctionJudgement, function: Function, actual: np.ndarray, limit: float, known: list[Candidate], members: list[slice],
+    pairs: bool = False,
+) -> Diagnosis | None:  # fmt: skip
+    """The one declared mistake that explains what came; with `pairs`, two, each on inputs of its own."""
     if not known:
         return None
-    table, wrong = judgement.table, judgement.wrong
-    explained = {c.id: explains(c.output, actual, table, limit, members) for c in known}
+    compared = Comparison(function, judgement.table, actual, members, limit, np.arange(len(actual)))
+    explained = {c.id: compared.explained(c.output) for c in known}
     left = {id: int((~rows).sum()) for id, rows in explained.items()}
     first, *others = sorted(known, key=lambda c: left[c.id])
-    alike = [c for c in others if explains(c.output, first.output, table, limit, members).all()]
+    wrong = judgement.wrong
+    alike = [c for c in others if _same(compared, c.output, first.output)]
     others = [c for c in others if c not in alike]
     of_truth = int(wrong.sum())
     margin = (min([of_truth, *(left[c.id] for c in others)]) + 1) / (left[first.id] + 1)
@@ -68,7 +108,11 @@ def diagnose(
         hint = " Or: ".join(dict.fromkeys(c.hint for c in [first, *alike]))
         named = Mistake(id=first.id, hint=hint, margin=round(margin, 2), alike=[c.id for c in alike])
         return Diagnosis(named, first.function)
-    return _pair(known, explained, wrong, left[first.id], judgement.check.id.split("/")[-1])
+    return _pair(known, explained, wrong, left[first.id], function.name) if pairs else None
+
+
+def _same(compared: Comparison, one: np.ndarray, other: np.ndarray) -> bool:
+    return bool(compared.as_if(other).explained(one).all())
 
 
 def _pair(
@@ -93,19 +137,251 @@ def _pair(
         return None
     # The first by data flow: a mistake of a called function comes before one of its caller's.
     one, two = sorted((one, two), key=lambda c: c.function == judged)
-    return Diagnosis(Mistake(id=one.id, hint=one.hint, margin=round(margin, 2)), one.function, two)
+    return Diagnosis(Mistake(id=one.id, hint=one.hint, margin=round(margin, 2)), one.function, others=[two.hint])
 
 
-def explains(output: np.ndarray, actual: np.ndarray, table: Table, limit: float, members: list[slice]) -> np.ndarray:
-    """(N,) bool: the rows where `output` is what came."""
-    limit = max(ALIKE, limit)
-    alike = np.ones(len(actual), bool)
-    with np.errstate(all="ignore"):
-        for member in members:
-            a, c = actual[:, member].astype(np.float64), output[:, member].astype(np.float64)
-            size = np.abs(c[np.isfinite(c)])
-            scale = np.percentile(size, 95) if len(size) else 1.0
-            allowed = limit * (np.abs(c) + SMALL * scale) + FACTOR * table.conditioning[:, member]
-            same = (np.abs(a - c) <= allowed) | (a == c) | (np.isnan(a) & np.isnan(c))
-            alike &= same.all(axis=1)
-    return alike
+# ---------------------------------------------------------------------------------------------------------- search
+
+
+class _Search:
+    def __init__(
+        self,
+        judgement: FunctionJudgement,
+        function: Function,
+        actual: np.ndarray,
+        limit: float,
+        members: list[slice],
+        changed: list[Candidate],
+        right: frozenset[str],
+    ) -> None:
+        self.judgement, self.function, self.actual, self.limit, self.members = judgement, function, actual, limit, members
+        self.wrong = judgement.wrong
+        # A function that is right is not blamed; what the judged one does over again in its place may be wrong all the same.
+        self.changed = sorted(changed, key=lambda c: (c.function != function.name, c.function in right))
+        self.some = next((c.rows for c in changed if not c.everywhere), np.arange(len(actual)))
+
+    # --- what is told ---
+
+    def whole(self) -> Diagnosis | None:
+        found = self._best(self.members, self.wrong)
+        return self._told([found], found.margin) if found else None
+
+    def by_members(self) -> Diagnosis | None:
+        """Each wrong member by itself; the others may be right."""
+        if len(self.members) == 1:
+            return None
+        parts = []
+        for member in self.members:
+            wrong = self._wrong_in(member)
+            if wrong.any():
+                found = self._best([member], wrong)
+                if found is None:
+                    return None
+                found.words = f"{self._name(member)}: {found.words}"
+                parts.append(found)
+        return self._told(parts, min(p.margin for p in parts)) if parts else None
+
+    def several(self, declared: list[Candidate]) -> Diagnosis | None:
+        """Up to three, one after the other, each of what the earlier ones leave."""
+        left, parts = self.wrong.copy(), []
+        while left.sum() > UNEXPLAINED * self.wrong.sum() and len(parts) < SEVERAL:
+            found = self._largest_part(left, declared)
+            if found is None:
+                break
+            parts.append(found)
+            left &= ~found.explained
+        if not parts or left.sum() > UNEXPLAINED * self.wrong.sum():
+            return None
+        return self._told(parts, min(p.margin for p in parts))
+
+    def blamed(self, declared: list[Candidate]) -> Diagnosis | None:
+        """A declared mistake of a function that is right: this one does by itself what that one is there for, and does it wrongly."""
+        return _declared(self.judgement, self.function, self.actual, self.limit, declared, self.members, pairs=True)
+
+    def equal_to(self, id: str, declared: list[Candidate]) -> str:
+        """What else gives the numbers of a declared mistake, in the search's words."""
+        one = next(c for c in declared if c.id == id)
+        rows = np.arange(len(self.actual))
+        compared = self._compared(self.members, rows).as_if(one.output)
+        for c in self.changed:
+            if c.everywhere and compared.explained(self._values(c, rows)).all():
+                return f"your values are those of the reference {c.words}"
+        compared = self._compared(self.members, self.some).as_if(one.output[self.some])
+        for c in self.changed:
+            if not c.everywhere and compared.explained(c.output).all():
+                return f"your values are those of the reference {c.words}"
+        return ""
+
+    def _told(self, parts: list[Explanation], margin: float) -> Diagnosis:
+        first, *others = parts
+        where = next((p.candidate.function for p in parts if p.candidate), self.function.name)
+        if first.candidate and first.candidate.id:
+            mistake = Mistake(id=first.candidate.id, hint=first.candidate.hint, margin=round(margin, 2))
+            return Diagnosis(mistake, first.candidate.function, others=[_sentence(p.words) for p in others])
+        mistake = Mistake(id=UNDECLARED, hint=_sentence(first.words), margin=round(margin, 2))
+        return Diagnosis(mistake, where, others=[_sentence(p.words) for p in others])
+
+    def _name(self, member: slice) -> str:
+        return self.function.outputs[member.start].path.removeprefix("result.")
+
+    # --- how it is found ---
+
+    def _best(self, members: list[slice], wrong: np.ndarray) -> Explanation | None:
+        """The plainest of those that explain it; None when none does, or when it could be anything."""
+        found: list[Explanation] = []
+        everywhere = self._compared(members, np.arange(len(self.actual)))
+        found += _accepted(self._of_truth(everywhere), everywhere)
+        if self.changed:
+            rows = np.arange(len(self.actual))
+            narrow = [c for c in self.changed if c.everywhere]
+            found += _accepted(_as_they_are(everywhere, narrow, [self._values(c, rows) for c in narrow]), everywhere)
+            compared = self._compared(members, self.some)
+            if compared.wrong.sum() >= FEWEST:
+                values = [self._values(c, self.some) for c in self.changed]
+                here = _accepted(_as_they_are(compared, self.changed, values), compared)
+                if not here and not found:
+                    here = _accepted(_with_something(compared, self.changed, values), compared)
+                found += here
+        return _plainest(found)
+
+    def _of_truth(self, compared: Comparison) -> Iterator[Explanation]:
+        for words, values, plain in of_result(compared, compared.truth, plain=True):
+            yield _explanation(compared, f"{words} {_times(words)}what is expected", values, plain)
+        for words, values, plain in of_members(self.function, compared.members, compared.truth):
+            yield _explanation(compared, f"those of the reference with {words}", values, plain)
+        for words, values, plain in of_directions(compared):
+            yield _explanation(compared, words, values, plain)
+        if found := monomial(compared):
+            yield _explanation(compared, f"what is expected times {found[0]}", found[1], 2)
+        came = compared.actual[:, [k for m in compared.members for k in range(m.start, m.stop)]]
+        if len(values := np.unique(came[np.isfinite(came).all(axis=1)], axis=0)) == 1:
+            constant = np.zeros_like(compared.truth)
+            constant[:, [k for m in compared.members for k in range(m.start, m.stop)]] = values[0]
+            yield _explanation(compared, f"always {_vector(values[0])}", constant, 0)
+
+    def _largest_part(self, left: np.ndarray, declared: list[Candidate]) -> Explanation | None:
+        """What explains most of what is left, exactly, on rows that one condition describes or that are most of it."""
+        enough = max(3, PART * self.wrong.sum())
+        best: Explanation | None = None
+        everything = np.arange(len(self.actual))
+        compared = self._compared(self.members, everything)
+        offers = [(c, compared.explained(c.output), f"{c.hint}") for c in declared]
+        offers += [
+            (c, compared.explained(self._values(c, everything)), f"those of the reference {c.words}") for c in self.changed if c.everywhere
+        ]
+        rows = np.flatnonzero(left)
+        for e in self._of_truth(self._compared(self.members, rows)):
+            explained = np.zeros(len(self.actual), bool)
+            explained[rows] = e.explained
+            offers.append((None, explained, e.words))
+        for candidate, explained, words in offers:
+            part = int((explained & left).sum())
+            if part >= enough and (best is None or part > 1.1 * (best.explained & left).sum()):
+                best = Explanation(words, explained & left, len(left) - part, candidate, margin=float(part))
+        place = self._place(left)
+        if best is not None:
+            if place and (best.explained & left).sum() > (1 - UNEXPLAINED) * left.sum():
+                best.words = f"{best.words}, where {place}" if best.candidate is None else best.words
+            elif own := self._place(best.explained):
+                best.words = f"{best.words}, where {own}" if best.candidate is None else best.words
+            return best
+        if place and left.mean() < HALF:
+            return Explanation(f"wrong where {place}{_inside(self, place, left)}", left & place.rows, 0, margin=float(left.sum()))
+        return None
+
+    def _place(self, wrong: np.ndarray) -> Place | None:
+        """Beside the rows that are right."""
+        table = self.judgement.table
+        return place_of(self.function, table.rows, table.truth, wrong, wrong | ~self.wrong)
+
+    def _compared(self, members: list[slice], rows: np.ndarray) -> Comparison:
+        return Comparison(self.function, self.judgement.table, self.actual, members, self.limit, rows)
+
+    def _values(self, c: Candidate, rows: np.ndarray) -> np.ndarray:
+        """What a hypothesis gives on `rows` of the table: all, or `some`."""
+        if not c.everywhere:
+            return c.output.astype(np.float64)
+        whole = self.judgement.table.truth.copy()
+        whole[c.rows] = c.output
+        return whole[rows]
+
+    def _wrong_in(self, member: slice) -> np.ndarray:
+        return self._compared([member], np.arange(len(self.actual))).wrong & self.wrong
+
+
+def _inside(search: _Search, place: Place, wrong: np.ndarray) -> str:
+    """What came there."""
+    rows = place.rows & wrong
+    came, truth = search.actual[rows], search.judgement.table.truth[rows]
+    if not np.isfinite(came).any(axis=1).any():
+        return ", and not finite there"
+    if (truth == 0).all():
+        return ", and not 0 there"
+    if (values := np.unique(came, axis=0)).shape[0] == 1:
+        return f", and always {_vector(values[0])} there"
+    return ""
+
+
+def _explanation(
+    compared: Comparison, words: str, values: np.ndarray, plain: int, candidate: Candidate | None = None
+) -> Explanation:
+    explained = compared.explained(values)
+    return Explanation(words, explained, int((~explained).sum()), candidate, plain)
+
+
+def _as_they_are(compared: Comparison, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
+    if not known:
+        return
+    explained = compared.explained(np.array(values))
+    for c, rows in zip(known, explained):
+        yield Explanation(f"those of the reference {c.words}", rows, int((~rows).sum()), c, 2)
+
+
+def _with_something(compared: Comparison, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
+    """What happens to the result, too; tried on a few rows first."""
+    order = np.argsort(~compared.wrong, kind="stable")[:SKETCH]
+    sketch = compared.on(order)
+    for c, output in zip(known, values):
+        for words, changed, _ in of_result(sketch, output[order], plain=False):
+            if sketch.explained(changed).mean() > 0.8:
+                for whole_words, whole, plain in of_result(compared, output, plain=False):
+                    if whole_words == words:
+                        said = f"{words} {_times(words)}those of the reference {c.words}"
+                        yield _explanation(compared, said, whole, 3 + plain, c)
+
+
+def _accepted(offers: Iterator[Explanation], compared: Comparison) -> list[Explanation]:
+    """Those that explain all but a tenth, much better than the truth does; each with its margin over the truth."""
+    wrong, out = int(compared.wrong.sum()), []
+    for e in offers:
+        e.margin = (wrong + 1) / (e.left + 1)
+        if e.left <= UNEXPLAINED * wrong and e.margin >= MARGIN:
+            out.append(e)
+    return out
+
+
+def _plainest(found: list[Explanation]) -> Explanation | None:
+    """Of the best ones the plainest; another that is as plain and as good is told, too."""
+    if not found:
+        return None
+    least = max(e.margin for e in found)
+    near = [e for e in found if e.margin * MARGIN > least]
+    first, *others = sorted(near, key=lambda e: e.plain)
+    other = next((e for e in others if e.plain == first.plain and e.words != first.words and e.left <= first.left), None)
+    if other is not None:
+        first.words = f"{first.words}, or {other.words}"
+    worse = [e.margin for e in found if e.margin * MARGIN <= least]
+    first.margin = min([first.margin, *(first.margin / m for m in worse)])
+    return first
+
+
+def _times(words: str) -> str:
+    return "times " if words[:1].isdigit() or words[:1] in "-ps" and not words.startswith("the") else ""
+
+
+def _sentence(words: str) -> str:
+    return words if words.endswith("?") else f"Your values are {words}."
+
+
+def _vector(values: np.ndarray) -> str:
+    return f"{values[0]:.4g}" if len(set(values.tolist())) == 1 else "(" + ", ".join(f"{v:.4g}" for v in values) + ")"

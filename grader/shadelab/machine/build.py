@@ -43,6 +43,7 @@ class Recipe:
     columns: bool = False
     level: str | None = None  # of x86-64; None: this processor's (processor.py)
     quick: bool = False  # compiled in half the time, for few images: slower code, the same bits
+    many: bool = False  # a program of thousands of bodies, each run a few times: not optimised
 
     def flags(self) -> list[str]:
         out = [*_common, f"-DSHADELAB_TERMS={int(self.terms)}"]
@@ -58,6 +59,8 @@ class Recipe:
         in half the time, to the same bits."""
         if self.half:
             return _half
+        if self.many:
+            return [*_double, "-O0", "-w"]
         if self.double:
             return [*_double, "-O3", *self._architecture()] if self.columns else _double
         if self.contract:
@@ -119,6 +122,17 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
         old.unlink(missing_ok=True)
     shutil.rmtree(work)
     return Plugin(cached, recipe.double)
+
+
+def broken_lines(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe) -> str:
+    """What the compiler says of all errors of our own `source`, without compiling it."""
+    work = sandbox.folder / "syntax"
+    work.mkdir(exist_ok=True)
+    shutil.copy(source, work / "shading.cpp")
+    shutil.copy(glue / "glue.cpp", work / "glue.cpp")
+    words = ["g++", *recipe.flags(), "-fsyntax-only", "-fmax-errors=0", f"-I{HEADERS}", f"-I{glue}", "glue.cpp"]
+    command = Command(tuple(words), reads=(HEADERS, glue, *given_code(glue)), writes=(work,))
+    return sandbox.run(command, COMPILE_LIMITS, cwd=work).stderr
 
 
 def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:

@@ -5,6 +5,7 @@ In its folder stand
     extremes.npz        per function: the members of its StableTable, for stability
     functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64)
     mistakes.npz        ID/BACKEND/FUNCTION: what the declared mistakes give for the same inputs
+    hypotheses.npz      per function, one after the other: what the reference gives with one thing changed
     SCENE.npz           the film's layers (float32), the mask of pixels that are judged, and the noise of each pixel
     SCENE.json          what holds for the whole scene: eye, lights, scale, spread, the solution's run times
     SCENE.packet        the frame packet for the OpenGL client
@@ -54,6 +55,17 @@ class Table:
     drawn: int
 
 
+@dataclass(frozen=True)
+class Hypothesis:
+    """What the reference gives with one thing changed (hypotheses.py)."""
+
+    words: str  # what is changed: after "as those of the reference"
+    function: str  # in which the change stands
+    rows: np.ndarray  # (K,) those of the table that are known
+    values: np.ndarray  # (K, results) float32
+    everywhere: bool  # whether it equals the truth on all other rows; else nothing is known of them
+
+
 @dataclass
 class Facts:
     calls: dict[str, list[str]]  # function -> those of the assignment that it calls, directly or through others
@@ -85,6 +97,22 @@ class Expected:
     @cached_property
     def mistakes(self) -> Mapping[str, np.ndarray]:
         return np.load(self.folder / "mistakes.npz", allow_pickle=False)  # reads a member when it is asked for
+
+    @cached_property
+    def _hypotheses(self) -> Mapping[str, np.ndarray]:
+        return np.load(self.folder / "hypotheses.npz", allow_pickle=False)
+
+    def hypotheses(self, function: Function) -> list["Hypothesis"]:
+        """Those of one function, the plainest first."""
+        arrays, name = self._hypotheses, function.name
+        if f"{name}.words" not in arrays:
+            return []
+        parts = (arrays[f"{name}.{part}"] for part in ("words", "functions", "ends", "everywhere", "rows", "values"))
+        words, functions, ends, everywhere, rows, values = parts
+        return [
+            Hypothesis(str(w), str(f), r, v, bool(e))
+            for w, f, e, r, v in zip(words, functions, everywhere, np.split(rows, ends[:-1]), np.split(values, ends[:-1]))
+        ]
 
     def table(self, function: Function) -> Table:
         parts = {part: self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "conditioning")}

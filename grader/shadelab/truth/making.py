@@ -22,6 +22,7 @@ from shadelab.truth.digest import digest
 from shadelab.truth.driver import measure_driver
 from shadelab.truth.expected import Expected, Facts
 from shadelab.truth.function_tables import make_tables
+from shadelab.truth.hypotheses import make_hypotheses
 from shadelab.truth.programs import Spread, correct_programs, record_mistakes, run_program
 from shadelab.truth.scenes import finish_scene, make_packet, make_truth
 from shadelab.truth.stable_tables import make_stable_tables
@@ -78,7 +79,7 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
     """All files of the expected data, but for `done`."""
     changes = load_changes(assignment)
     scenes = [scene for scene in assignment.scenes if not scene.missing_meshes()]
-    workshop = Workshop(assignment, folder, len(changes.mistake) + 2 * len(changes.variant) + 7 + len(scenes), progress)
+    workshop = Workshop(assignment, folder, len(changes.mistake) + 2 * len(changes.variant) + 8 + len(scenes), progress)
     for scene in scenes:
         make_packet(workshop, scene)
     loops = tuple(sorted({loop for scene in scenes for loop in scene.described.needs.loops}))
@@ -95,6 +96,7 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
         drawn = list(pool.map(lambda program: run_program(workshop, program, tables, scenes, loops, spread), programs))
         recorded = {key: array for arrays in mistakes for key, array in arrays.items()}
     np.savez_compressed(folder / "mistakes.npz", **recorded)
+    np.savez_compressed(folder / "hypotheses.npz", **make_hypotheses(workshop, tables, calls))
     for scene in scenes:
         finish_scene(workshop, scene, truths[scene.name], double, drawn)
     hints = [{"id": m.id, "function": m.function, "hint": m.hint} for m in changes.mistake]

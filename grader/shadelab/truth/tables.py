@@ -169,12 +169,12 @@ def renormalised(function: Function, rows: np.ndarray) -> np.ndarray:
 
 def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
     """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any
-    float32 computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; equal
-    numbers of a row stay equal, so that a spotlight without a ramp has none."""
+    float32 computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; numbers of
+    a row that are equal, or opposite, stay so: a spotlight without a ramp has none, and opposite directions have no half vector."""
     rng = np.random.default_rng(JITTERS)
     whole = np.array([c.domain.type == "int" for c in function.inputs])
     size = np.where(whole, 0.0, units * 2.0**-23)
-    first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)  # of each number, the first column that holds it
+    first = _first_alike(rows)
     return [
         rows * (1 + size * np.take_along_axis(rng.uniform(-1, 1, rows.shape), first, axis=1)) for _ in range(JITTERS)
     ]
@@ -182,9 +182,9 @@ def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[n
 
 def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -> np.ndarray:
     """(columns, 2, N, columns): the rows with one number at a time `units` of float32's last place larger, then smaller. As
-    above, zeros stay zero and equal numbers of a row move together."""
+    above, zeros stay zero and equal or opposite numbers of a row move together."""
     columns = function.inputs
-    first = (rows[:, :, None] == rows[:, None, :]).argmax(axis=2)
+    first = _first_alike(rows)
     out = np.repeat(rows[None, None], 2, axis=1).repeat(len(columns), axis=0)
     for k, column in enumerate(columns):
         if column.domain.type != "int":
@@ -192,6 +192,12 @@ def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -
             for sign, moved in zip((1, -1), out[k]):
                 moved[together] *= 1 + sign * units * 2.0**-23
     return out
+
+
+def _first_alike(rows: np.ndarray) -> np.ndarray:
+    """Of each number, the first column of its row that holds it, with either sign."""
+    size = np.abs(rows)
+    return (size[:, :, None] == size[:, None, :]).argmax(axis=2)
 
 
 def on_gate(function: Function, drawn: int, rows: int) -> np.ndarray:

@@ -8,8 +8,9 @@ from shadelab.evidence.tasks import Asking, Evaluate
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished, without_numbers
-from shadelab.judge.diagnosis import Candidate, candidates, diagnose
+from shadelab.judge.diagnosis import candidates, diagnose, hypotheses
 from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function
+from shadelab.judge.relations import Candidate
 from shadelab.result import Check
 from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.measures import function_members
@@ -58,10 +59,13 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         if judgement.check.status == "passed":
             judgement.check.message = f"right, given what your {listed(wrong)} gives"
             return judgement.check
-    found = diagnose(judgement, actual, limit, known, members)
+    right = frozenset(name for name, j in ledger.judged.items() if j.check.status == "passed")
+    changed = [] if judgement.followed else hypotheses(ledger.expected, function)
+    found = diagnose(judgement, function, actual, limit, known, changed, members, right)
     written = len(np.unique(actual, axis=0)) > 1  # one that always gives the same is not written yet
     if found is None and followed is not None and written:
-        found = diagnose(other, actual, limit, (yield from _followed_mistakes(ledger, function, wrong)), members)
+        own = yield from _followed_mistakes(ledger, function, wrong)
+        found = diagnose(other, function, actual, limit, own, [], members, right)
     check = judgement.check
     if found is None:
         if written:
@@ -71,8 +75,10 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         check.mistake = found.mistake
         if found.function != function.name and found.function not in wrong:
             check.message += f"; as if {found.function} were wrong inside it"
-        if found.other:
-            check.message += f"; there is a second mistake ({found.other.id}): {found.other.hint}"
+        if found.said:
+            check.message += f"; {found.said}"
+        for number, other in enumerate(found.others, 2):
+            check.message += f"; mistake {number}: {other}"
     return check
 
 

@@ -1,0 +1,394 @@
+"""Mistakes that nobody thought of: the reference with one thing changed. A mutant changes a single operator, constant, call or
+pair of arguments (mutation testing: `check` holds that the grader's tables tell each from the solution). A slip is what people
+do besides: the wrong one of two directions, a clamp, a factor, a term, a root or a pair of brackets forgotten.
+
+Each has words for what it changes, made from the declaration and never from a line: they are told to a student whose numbers are
+those of the changed reference. Where a change has no such words, it has none, and is bred for `check` alone."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from shadelab.course.assignment import Assignment, Function
+from shadelab.course.bodies import Node, Statement, parse
+
+SWAPS = {
+    "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "<": ["<=", ">"], "<=": ["<", ">"], ">": [">=", "<"], ">=": [">", "<"],
+    "==": ["!="], "!=": ["=="], "&&": ["||"], "||": ["&&"],
+}  # fmt: skip
+SISTERS = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "exp": "exp2", "log": "log2"}
+# What one argument decides of the type of a call's result; others give a Real.
+_as_argument = {"normalize", "reflect", "cross", "abs", "min", "max", "clamp", "mix", "pow", "exp", "log", "sqrt", "sign", "floor"}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    id: str  # "phong_lobe: <= -> < in if (dot(n, l) <= 0.0) return 0.0;"
+    function: str
+    body: str
+    words: str = ""  # "with n.v in the place of n.l": after "as those of the reference"
+    slip: bool = False
+
+
+@dataclass(frozen=True)
+class _Change:
+    what: str
+    start: int
+    end: int
+    new: str
+    at: int = 0  # where it is listed: in the order of the text
+    words: str = ""
+    slip: bool = False
+
+
+@dataclass
+class Scope:
+    """What names stand for inside of a function."""
+
+    types: dict[str, str]  # of arguments; of locals once they are declared
+    members: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # struct -> member -> type
+    functions: Mapping[str, Function] = field(default_factory=dict)  # those that it may call
+
+    @classmethod
+    def of(cls, assignment: Assignment, function: Function) -> "Scope":
+        types = {v.name: v.domain.type for v in function.values}
+        members = {name: {v.name: v.domain.type for v in s.values} for name, s in assignment.structs.items()}
+        before = [f for given in assignment.given for f in given.functions]
+        for one in assignment.functions:
+            if one.name == function.name:
+                break
+            before.append(one)
+        return cls(types, members, {f.name: f for f in before})
+
+
+def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant]:
+    """Slips need a scope: without one, single tokens are changed alone."""
+    out, seen, bodies = [], Counter(), {body}
+    for change in sorted(_Breeder(body, scope or Scope({})).changes(), key=lambda c: c.at):
+        if change.slip and scope is None:
+            continue
+        line = body[body.rfind("\n", 0, change.at) + 1 :].split("\n", 1)[0].strip()
+        name = f"{function}: {change.what} in {line}"
+        seen[name] += 1
+        numbered = name + (f" ({seen[name]})" if seen[name] > 1 else "")
+        changed = body[: change.start] + change.new + body[change.end :]
+        if changed not in bodies:
+            bodies.add(changed)
+            out.append(Mutant(numbered, function, changed, change.words, change.slip))
+    return out
+
+
+class _Breeder:
+    def __init__(self, body: str, scope: Scope) -> None:
+        self.body, self.scope = body, scope
+        self.types = dict(scope.types)
+        self.meanings: dict[str, Node] = {}  # of locals: what they were declared as
+        self.statements = parse(body, tuple(scope.members))
+
+    def changes(self) -> Iterator[_Change]:
+        for top in self.statements:
+            for statement in top.all():
+                yield from self._of_statement(statement)
+                for expression in statement.expressions[1:] if statement.kind == "assign" else statement.expressions:
+                    yield from self._of_expression(expression)
+                if statement.kind == "declare":
+                    self.types[statement.name] = statement.type
+                    if statement.expressions:
+                        self.meanings[statement.name] = statement.expressions[0]
+
+    # --- words ---
+
+    def _words(self, node: Node) -> str:
+        """What a value is for whoever knows the contract; empty where that takes more than a few words."""
+        if node.kind == "bracket":
+            return self._words(node.parts[0])
+        if node.kind == "name":
+            if node.name in self.scope.types:
+                return node.name
+            meaning = self.meanings.get(node.name)
+            return self._words(meaning) if meaning else ""
+        if node.kind == "member":
+            of = self._words(node.parts[0])
+            return f"{of}.{node.name}" if of and re.fullmatch(r"[\w.]+", of) else ""
+        if node.kind == "number":
+            return f"{float(node.name.rstrip('f')):.7g}"
+        if node.kind == "unary" and node.name == "-":
+            inner = self._words(node.parts[0])
+            return f"-{inner}" if inner else ""
+        if node.kind == "call":
+            return self._words_of_call(node)
+        return ""
+
+    def _words_of_call(self, node: Node) -> str:
+        arguments = [self._words(part) for part in node.parts]
+        if node.name == "dot" and len(arguments) == 2 and all(arguments):
+            return _dot(*arguments)
+        if node.name in ("max", "clamp") and arguments and arguments[0]:
+            return f"{arguments[0]} clamped"
+        if node.name in self.scope.functions:
+            return self.scope.functions[node.name].name
+        return ""
+
+    def _text(self, node: Node) -> str:
+        return self.body[node.start : node.end]
+
+    # --- types ---
+
+    def _type(self, node: Node) -> str:
+        if node.kind == "number":
+            return "Real"
+        if node.kind == "name":
+            return self.types.get(node.name, "")
+        if node.kind in ("bracket", "unary"):
+            return self._type(node.parts[0])
+        if node.kind == "member":
+            of = self._type(node.parts[0])
+            return "Real" if of.startswith("vec") else self.scope.members.get(of, {}).get(node.name, "")
+        if node.kind == "index":
+            return "Real"
+        if node.kind == "ternary":
+            return self._type(node.parts[1])
+        if node.kind == "binary":
+            if node.name in ("+", "-", "*", "/"):
+                kinds = {self._type(part) for part in node.parts}
+                return next((k for k in kinds if k.startswith("vec")), "Real" if kinds <= {"Real", "int"} else "")
+            return "bool"
+        if node.name in self.scope.functions:
+            return self.scope.functions[node.name].returns
+        if node.name in _as_argument and node.parts:
+            kinds = [self._type(part) for part in node.parts]
+            return next((k for k in kinds if k.startswith("vec")), kinds[0])
+        return node.name if node.name.startswith("vec") or node.name in self.scope.members else "Real"
+
+    # --- what is changed ---
+
+    def _of_statement(self, s: Statement) -> Iterator[_Change]:
+        if s.kind == "if" and len(s.inner) == 1 and s.inner[0].kind == "return":
+            about = self._asked(s.expressions[0])
+            yield _Change("if dropped", s.start, s.end, "", s.start, f"without the question about {about}" if about else "")
+        if s.kind == "assign" and s.name != "=":
+            value = self._words(s.expressions[1])
+            verb = {"*=": "without the factor", "/=": "without the division by"}.get(s.name, "without the term")
+            yield _Change("assignment dropped", s.start, s.end, "", s.start, f"{verb} {value}" if value else "", slip=True)
+
+    def _asked(self, condition: Node) -> str:
+        """About what a condition asks."""
+        found = []
+        for node in condition.all():
+            if node.kind == "binary" and node.name in ("<", "<=", ">", ">=", "==", "!="):
+                found += [words for part in node.parts if (words := self._words(part)) and not _is_number(words)]
+        return " and ".join(dict.fromkeys(found))
+
+    def _of_expression(self, root: Node) -> Iterator[_Change]:
+        parents = {id(part): node for node in root.all() for part in node.parts}
+        for node in root.all():
+            yield from getattr(self, f"_of_{node.kind}", lambda *_: ())(node, parents.get(id(node)))
+
+    def _of_binary(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        left, right = node.parts
+        for new in SWAPS.get(node.name, ()):
+            yield _Change(f"{node.name} -> {new}", node.at, node.at + len(node.name), new, node.at, self._swapped(node, new))
+        texts = [self._text(part) for part in node.parts]
+        words = [self._words(part) for part in node.parts]
+        if node.name in ("&&", "||"):
+            for k, other in ((0, 1), (1, 0)):
+                about = self._asked(node.parts[other])
+                said = f"without the question about {about}" if about else ""
+                yield self._slip("half of a condition", node, texts[k], said)
+        if node.name in ("+", "-"):
+            for k, word in enumerate(words):
+                rest = texts[1 - k] if k or node.name == "+" else f"(-({texts[1]}))"
+                yield self._slip(f"term {k + 1} left out", node, rest, f"without the term {word}" if word else "")
+                twice = f"2.0 * ({texts[k]})"
+                new = f"{twice} {node.name} {texts[1]}" if k == 0 else f"{texts[0]} {node.name} {twice}"
+                yield self._slip(f"term {k + 1} twice", node, f"({new})", f"with {word} counted twice" if word else "")
+        if node.name == "*":
+            for k, word in enumerate(words):
+                if self._type(node.parts[1 - k]) == self._type(node) or self._type(node) == "Real":
+                    yield self._slip(f"factor {k + 1} left out", node, texts[1 - k], f"without the factor {word}" if word else "")
+                yield self._slip(
+                    f"factor {k + 1} twice", node, f"({texts[k]}) * {self._text(node)}", f"with the factor {word} squared" if word else ""
+                )
+        if node.name == "/":
+            yield self._slip("divisor left out", node, texts[0], f"without the division by {words[1]}" if words[1] else "")
+            if self._type(node) == "Real":
+                yield self._slip("fraction upside down", node, f"({texts[1]}) / ({texts[0]})", "")
+        # a * (b + c) and (a + b) * c without their brackets
+        for k, part in enumerate(node.parts):
+            inside = part.parts[0] if part.kind == "bracket" else None
+            if node.name in ("*", "/") and inside and inside.kind == "binary" and inside.name in ("+", "-"):
+                yield _Change("brackets left out", part.start, part.end, self._text(inside), part.start, "with a pair of brackets left out", True)
+
+    def _swapped(self, node: Node, new: str) -> str:
+        left, right = (self._words(part) for part in node.parts)
+        if node.name in ("+", "-"):
+            return f"with the sign of {right} exchanged" if right else ""
+        if node.name == "*" and right:
+            return f"with a division by {right} in the place of a product"
+        if node.name == "/" and right:
+            return f"multiplied by {right} where it is to be divided"
+        about = self._asked(node)
+        if node.name in ("<", "<=", ">", ">=", "==", "!=") and about:
+            edge = new.rstrip("=") == node.name.rstrip("=")
+            return f"with the edge case of {about} on the other side" if edge else f"with the question about {about} turned round"
+        return ""
+
+    def _of_unary(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        if node.name == "-":
+            inner = self._words(node.parts[0])
+            words = f"with the sign of {inner} exchanged" if inner else ""
+            yield _Change("- dropped", node.start, node.start + 1, "", node.start, words)
+
+    def _of_number(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        value = float(node.name.rstrip("f"))
+        for new in dict.fromkeys([value + 1, 0.0 if value else 1.0, 1.1 * value]):
+            if new != value:
+                words = f"with {new:g} for a constant that is {value:g}" if value else ""
+                yield _Change(f"{node.name} -> {new:g}", node.start, node.end, _literal(new, node.name), node.start, words)
+        for new in (2 * value, 0.5 * value, value - 1):
+            if value and "." in node.name:
+                words = f"with {new:g} for a constant that is {value:g}"
+                yield self._slip(f"{node.name} -> {new:g}", node, f"({_literal(new, node.name)})", words)
+
+    def _of_name(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        if parent is None or parent.kind != "member":
+            yield from self._replaced(node, parent)
+
+    def _of_member(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        of = self._type(node.parts[0])
+        if of in self.scope.members:
+            for name, type in self.scope.members[of].items():
+                if name != node.name and type == self._type(node):
+                    word = f"{self._text(node.parts[0])}.{name}"
+                    yield self._slip(f"{name} for {node.name}", node, word, f"with {word} in the place of {self._text(node)}")
+        elif of.startswith("vec"):
+            for letter in "xyzw"[: int(of[3])]:
+                if letter != node.name:
+                    base, words = self._text(node.parts[0]), self._words(node.parts[0])
+                    said = f"with {words}.{letter} in the place of {words}.{node.name}" if words else ""
+                    yield self._slip(f"{letter} for {node.name}", node, f"{base}.{letter}", said)
+        yield from self._powers(node)
+
+    def _replaced(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        """Another name of the same type in its place."""
+        type, mine = self._type(node), self._words(node)
+        for name, other in self.types.items():
+            if name != node.name and other == type and type:
+                theirs = self._words(Node("name", 0, 0, name))
+                yield self._slip(f"{name} for {node.name}", node, name, self._place(node, parent, mine, theirs))
+        if type == "vec3" and node.name in self.scope.types:
+            yield self._slip(f"-{node.name}", node, f"(-{node.name})", self._place(node, parent, mine, f"-{mine}"))
+        yield from self._powers(node)
+
+    def _place(self, node: Node, parent: Node | None, mine: str, theirs: str) -> str:
+        """What takes the place of what, with what stands around it where that has words."""
+        if not mine or not theirs or mine == theirs:
+            return ""
+        if parent is not None and parent.kind == "call" and (whole := self._words_of_call(parent)):
+            if parent.name == "dot":
+                others = [theirs if part is node else self._words(part) for part in parent.parts]
+                return f"with {_dot(*others)} in the place of {whole}"
+            if parent.name in self.scope.functions:
+                return f"with {theirs} in the place of {mine} in {whole}"
+        return f"with {theirs} in the place of {mine}"
+
+    def _powers(self, node: Node) -> Iterator[_Change]:
+        if self._type(node) == "Real":
+            mine, text = self._words(node), self._text(node)
+            yield self._slip("squared", node, f"({text} * {text})", f"with {mine} squared" if mine else "")
+            yield self._slip("its root", node, f"sqrt({text})", f"with the square root of {mine}" if mine else "")
+            yield self._slip("1 - it", node, f"(1.0 - {text})", f"with 1 - {mine} in the place of {mine}" if mine else "")
+
+    def _of_call(self, node: Node, parent: Node | None) -> Iterator[_Change]:
+        texts = [self._text(part) for part in node.parts]
+        words = [self._words(part) for part in node.parts]
+        for number, text in enumerate(texts):
+            said = self._instead(node, number, words)
+            yield _Change(f"{node.name}(...) -> its argument {number + 1}", node.start, node.end, f"({text})", node.start, said)
+        for i in range(len(texts) - 1):
+            if texts[i] != texts[i + 1]:
+                swapped = [*texts[:i], texts[i + 1], texts[i], *texts[i + 2 :]]
+                both = words[i] and words[i + 1]
+                said = f"with {words[i]} and {words[i + 1]} exchanged" + self._in_call(node) if both else ""
+                yield _Change(
+                    f"arguments {i + 1} and {i + 2} of {node.name} swapped", node.start, node.end,
+                    f"{node.name}({', '.join(swapped)})", node.start, said,
+                )  # fmt: skip
+        yield from self._clamps(node, texts, words)
+        if node.name == "dot" and (said := self._words(node)):
+            yield self._slip("clamp put in", node, f"max({self._text(node)}, 0.0)", f"with {said} clamped at 0 in one place")
+            yield self._slip("abs put in", node, f"abs({self._text(node)})", f"with the absolute value of {said} in one place")
+        yield from self._other_calls(node, texts, words)
+
+    def _instead(self, node: Node, number: int, words: list[str]) -> str:
+        """Without this call."""
+        if number == 0 and node.name in ("max", "clamp"):
+            return f"without the clamp of {words[0]}" if words[0] else "without a clamp"
+        if number == 0 and node.name in ("normalize", "sqrt", "abs", "floor"):
+            return {"normalize": "without normalising", "sqrt": "without a square root", "abs": "without an absolute value"}.get(node.name, "")
+        if number == 0 and node.name == "pow":
+            return f"without the power {words[1]}" if words[1] else "without the power"
+        if node.name == "min" and len(words) == 2:
+            return "without the limit of 1" if words[1 - number] == "1" else "without the smaller one of two"
+        return ""
+
+    def _in_call(self, node: Node) -> str:
+        return f" in {node.name}" if node.name in self.scope.functions else ""
+
+    def _clamps(self, node: Node, texts: list[str], words: list[str]) -> Iterator[_Change]:
+        """What is taken in the place of a clamp at 0."""
+        if node.name not in ("max", "clamp") or len(texts) < 2:
+            return
+        for k in range(len(texts) if node.name == "max" else 1):
+            if node.name == "clamp" or _is_zero(texts[1 - k]):
+                inner, said = texts[k], words[k] or "what is clamped"
+                yield self._slip("abs for a clamp", node, f"abs({inner})", f"with the absolute value of {said} in the place of a clamp")
+                yield self._slip("half for a clamp", node, f"(0.5 * ({inner}) + 0.5)", f"with 0.5 + 0.5 {said} in the place of a clamp")
+                yield self._slip("sign for a clamp", node, f"max(-({inner}), 0.0)", f"with the sign of {said} exchanged")
+                if node.name == "clamp":
+                    yield self._slip("no lower clamp", node, f"min({inner}, 1.0)", f"without the clamp of {said} at 0")
+                    yield self._slip("no upper clamp", node, f"max({inner}, 0.0)", f"without the clamp of {said} at 1")
+
+    def _other_calls(self, node: Node, texts: list[str], words: list[str]) -> Iterator[_Change]:
+        if node.name in SISTERS:
+            sister = SISTERS[node.name]
+            yield self._slip(f"{sister} for {node.name}", node, f"{sister}({', '.join(texts)})", f"with {sister} in the place of {node.name}")
+        if node.name == "pow" and len(texts) == 2:
+            yield self._slip("product for power", node, f"(({texts[0]}) * ({texts[1]}))", "with a product in the place of a power")
+        if node.name == "normalize":
+            return
+        called = self.scope.functions.get(node.name)
+        if called:
+            signature = [v.domain.type for v in called.values]
+            for name, other in self.scope.functions.items():
+                if name != node.name and other.returns == called.returns and [v.domain.type for v in other.values] == signature:
+                    yield self._slip(f"{name} for {node.name}", node, f"{name}({', '.join(texts)})", f"with {name} in the place of {node.name}")
+            if called.returns == "Real":
+                for value in ("1.0", "0.0"):
+                    yield self._slip(f"{value} for {node.name}", node, value, f"as if {node.name} were {float(value):g}")
+            if called.returns == "vec3":
+                for value in ("1.0", "0.0"):
+                    yield self._slip(f"{value} for {node.name}", node, f"vec3({value})", f"as if {node.name} were {float(value):g}")
+
+    def _slip(self, what: str, node: Node, new: str, words: str) -> _Change:
+        return _Change(what, node.start, node.end, new, node.start, words, slip=True)
+
+
+def _dot(a: str, b: str) -> str:
+    """As the contracts write it: n.l."""
+    simple = all(re.fullmatch(r"[a-z]", word) for word in (a, b))
+    return f"{a}.{b}" if simple else f"dot({a}, {b})"
+
+
+def _is_zero(text: str) -> bool:
+    return text.strip("() ") in ("0.0", "0", "0.0f", "vec3(0.0")
+
+
+def _is_number(words: str) -> bool:
+    return re.fullmatch(r"-?[\d.e+-]+", words) is not None
+
+
+def _literal(value: float, like: str) -> str:
+    text = f"{value:.9g}"
+    return text if "." not in like or "." in text or "e" in text else text + ".0"

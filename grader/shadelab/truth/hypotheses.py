@@ -1,0 +1,182 @@
+"""What mistakes that nobody declared would give: the reference with one thing changed (course/mutants.py), and the reference on
+changed arguments (transforms.py), evaluated on the tables when expected data is made. A submission that gives the numbers of one
+is told what is changed; diagnosis.py decides. Everything comes from the declaration and the solution's text."""
+
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from shadelab.course.assignment import Function, named_arrays
+from shadelab.course.mistakes import load_changes, regions
+from shadelab.course.mutants import Mutant, Scope, mutants
+from shadelab.evidence.cpp import CppRunner
+from shadelab.evidence.tasks import Evaluate
+from shadelab.machine.build import Recipe, broken_lines
+from shadelab.truth.expected import Hypothesis, Table, with_callers
+from shadelab.truth.measures import function_members, scaled_error
+from shadelab.truth.tables import renormalised
+from shadelab.truth.transforms import Transform, transforms
+from shadelab.truth.workshop import Workshop
+
+# What differs from the truth on at most NARROW rows (a gate's, say) is kept whole; of what differs on more, KEPT rows, the same
+# for all of a function.
+NARROW, KEPT = 1500, 512
+# Two that differ by less are one: the sentence of the first is told.
+SAME = 1e-5
+BODIES = 4  # of a function: its own and its first variants', of which mutants are bred
+ROWS_AT_ONCE = 200_000
+CHANGED = Recipe(double=True, loops=(), many=True)
+CHOOSE = """\
+#include <cstdlib>
+static const int shadelab_chosen = std::atoi(std::getenv("SHADELAB_CHOSEN"));
+"""
+
+
+def make_hypotheses(workshop: Workshop, tables: dict[str, Table], calls: dict[str, list[str]]) -> dict[str, np.ndarray]:
+    """The arrays of hypotheses.npz."""
+    with workshop.step("changed references"):
+        changed = _ChangedReferences(workshop)
+        functions = [f for f in workshop.assignment.functions if f.graded]
+        with ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(lambda f: _of_function(workshop, f, tables[f.name], changed, calls), functions))
+    return {key: array for arrays in found for key, array in arrays.items()}
+
+
+# ----------------------------------------------------------------------------------------------- how they are made
+
+
+def _of_function(
+    workshop: Workshop, function: Function, table: Table, changed: "_ChangedReferences", calls: dict[str, list[str]]
+) -> dict[str, np.ndarray]:
+    kept = _Kept(function, table)
+    exact = renormalised(function, table.rows)
+    for transform, output in _transformed(workshop, function, exact):
+        kept.add(transform.words, function.name, output)
+    runner = workshop.cpp(changed.folder, CHANGED)
+    for number, mutant in changed.of(function, calls):
+        runner.environment = {"SHADELAB_CHOSEN": str(number)}
+        output = runner.evaluate(Evaluate(function, exact))
+        if output.array is not None:
+            kept.add(mutant.words, mutant.function, output.array)
+    return {f"{function.name}.{part}": array for part, array in kept.arrays().items()}
+
+
+def _transformed(workshop: Workshop, function: Function, exact: np.ndarray):
+    """Many to a run: a process takes longer to start than to evaluate some thousand rows."""
+    runner = workshop.solution(Recipe(double=True, loops=()))
+    arrays = named_arrays(function.inputs, exact)
+    pending: list[tuple[Transform, np.ndarray]] = []
+
+    def run():
+        inputs = np.concatenate([rows for _, rows in pending])
+        output = runner.evaluate(Evaluate(function, inputs))
+        if output.array is not None:
+            for (transform, _), array in zip(pending, output.array.reshape(len(pending), len(exact), -1)):
+                yield transform, array
+        pending.clear()
+
+    for transform in transforms(function):
+        with np.errstate(all="ignore"):
+            pending.append((transform, transform.rows(function, arrays)))
+        if len(pending) * len(exact) > ROWS_AT_ONCE:
+            yield from run()
+    if pending:
+        yield from run()
+
+
+class _Kept:
+    """The hypotheses of one function, without those that cannot be told from the truth or from an earlier one."""
+
+    def __init__(self, function: Function, table: Table) -> None:
+        self.table, self.members = table, function_members(function)
+        self.some = np.sort(np.random.default_rng(len(table.rows)).permutation(len(table.rows))[:KEPT])
+        self.found: list[Hypothesis] = []
+
+    def add(self, words: str, function: str, output: np.ndarray) -> None:
+        differs = scaled_error(output, self.table, self.members).max(axis=1) > SAME
+        if not differs.any():
+            return
+        narrow = bool(differs.sum() <= NARROW)
+        rows = np.flatnonzero(differs) if narrow else self.some
+        with np.errstate(over="ignore"):  # infinite, as in the student's float32
+            one = Hypothesis(words, function, rows, output[rows].astype(np.float32), narrow)
+        if not any(self._same(one, other) for other in self.found):
+            self.found.append(one)
+
+    def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
+        if one.everywhere != other.everywhere or len(one.rows) != len(other.rows) or (one.rows != other.rows).any():
+            return False
+        few = slice(0, 8)  # most differ there already
+        for part in (few, slice(None)):
+            if np.isclose(one.values[part], other.values[part], rtol=SAME, atol=0, equal_nan=True).mean() < 0.99:
+                return False
+        return True
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        if not self.found:
+            return {}
+        return {
+            "words": np.array([h.words for h in self.found]), "functions": np.array([h.function for h in self.found]),
+            "ends": np.cumsum([len(h.rows) for h in self.found]), "rows": np.concatenate([h.rows for h in self.found]).astype(np.uint16),
+            "values": np.concatenate([h.values for h in self.found]), "everywhere": np.array([h.everywhere for h in self.found]),
+        }  # fmt: skip
+
+
+class _ChangedReferences:
+    """All mutants in one program, which is told by its environment which one it is: to compile each alone would take an hour."""
+
+    def __init__(self, workshop: Workshop) -> None:
+        self.workshop = workshop
+        assignment = workshop.assignment
+        self.file = assignment.directory / "shading.cpp"
+        self.text = self.file.read_text()
+        self.marked = regions(self.text, self.file)
+        bred = dict(enumerate(self._bred(), 1))
+        folder = workshop.work / "changed"
+        folder.mkdir()
+        while True:
+            (folder / "shading.cpp").write_text(CHOOSE + self._program(bred))
+            said = broken_lines(assignment.glue, folder / "shading.cpp", workshop.sandbox(), CHANGED)
+            broken = {int(number) for number in re.findall(r"^mutant-(\d+):", said, re.MULTILINE)}
+            if not broken & set(bred):
+                break
+            bred = {number: mutant for number, mutant in bred.items() if number not in broken}
+        self.mutants, self.folder = bred, folder
+        workshop.cpp(folder, CHANGED, "the solution with all mutants")  # compiled here, before two threads want it
+
+    def _bred(self) -> list[Mutant]:
+        """Of each function's own body and of variants', for another algebra has other places to go wrong. Loops are left out: a
+        mutant of one may never end."""
+        assignment, out = self.workshop.assignment, {}
+        for function in assignment.functions:
+            if function.name not in self.marked:
+                continue
+            scope = Scope.of(assignment, function)
+            bodies = [self.marked[function.name]["body"]]
+            bodies += [v.bodies_for("cpp").get(function.name, "") for v in load_changes(assignment).variant]
+            plain = [body for body in bodies if body and not re.search(r"\b(for|while)\b", body)]
+            for body in plain[:BODIES]:
+                for mutant in mutants(function.name, body, scope):
+                    if mutant.words:
+                        out.setdefault((function.name, mutant.body), mutant)
+        return list(out.values())
+
+    def _program(self, bred: dict[int, Mutant]) -> str:
+        text = self.text
+        for name in sorted(self.marked, key=lambda n: -self.marked[n].start()):
+            cases = "".join(
+                f'case {number}: {{\n#line 1 "mutant-{number}"\n{mutant.body}\n}} break;\n'
+                for number, mutant in bred.items()
+                if mutant.function == name
+            )
+            start = self.marked[name].start()
+            text = f"{text[:start]}switch (shadelab_chosen) {{\n{cases}}}\n{text[start:]}" if cases else text
+        return text
+
+    def of(self, function: Function, calls: dict[str, list[str]]) -> list[tuple[int, Mutant]]:
+        """Those that may change what this function gives, its own first."""
+        reach = [
+            (number, mutant) for number, mutant in self.mutants.items() if function.name in with_callers({mutant.function}, calls)
+        ]
+        return sorted(reach, key=lambda item: item[1].function != function.name)
