@@ -268,18 +268,35 @@ class _Breeder:
                     base, words = self._text(node.parts[0]), self._words(node.parts[0])
                     said = f"with {words}.{letter} in the place of {words}.{node.name}" if words else ""
                     yield self._slip(f"{letter} for {node.name}", node, f"{base}.{letter}", said)
-        yield from self._powers(node)
+        yield from self._powers(node, parent)
 
     def _replaced(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         """Another name of the same type in its place."""
-        type, mine = self._type(node), self._words(node)
-        for name, other in self.types.items():
+        type, mine = self._type(node), self._meaning(node, parent)
+        for name, other in [*self.types.items(), *self._members()]:
             if name != node.name and other == type and type:
-                theirs = self._words(Node("name", 0, 0, name))
+                theirs = name if "." in name else self._words(Node("name", 0, 0, name))
                 yield self._slip(f"{name} for {node.name}", node, name, self._place(node, parent, mine, theirs))
         if type == "vec3" and node.name in self.scope.types:
             yield self._slip(f"-{node.name}", node, f"(-{node.name})", self._place(node, parent, mine, f"-{mine}"))
-        yield from self._powers(node)
+        yield from self._powers(node, parent)
+
+    def _members(self) -> list[tuple[str, str]]:
+        """Those of arguments that are structs."""
+        return [
+            (f"{name}.{member}", type)
+            for name, struct in self.scope.types.items()
+            for member, type in self.scope.members.get(struct, {}).items()
+        ]
+
+    def _meaning(self, node: Node, parent: Node | None) -> str:
+        """Its words, or what the function that it is handed to calls it."""
+        words = self._words(node)
+        called = self.scope.functions.get(parent.name) if parent is not None and parent.kind == "call" else None
+        if words or called is None:
+            return words
+        place = next(k for k, part in enumerate(parent.parts) if part is node)
+        return f"the {called.values[place].name} of {called.name}" if place < len(called.values) else ""
 
     def _place(self, node: Node, parent: Node | None, mine: str, theirs: str) -> str:
         """What takes the place of what, with what stands around it where that has words."""
@@ -293,9 +310,9 @@ class _Breeder:
                 return f"with {theirs} in the place of {mine} in {whole}"
         return f"with {theirs} in the place of {mine}"
 
-    def _powers(self, node: Node) -> Iterator[_Change]:
+    def _powers(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         if self._type(node) == "Real":
-            mine, text = self._words(node), self._text(node)
+            mine, text = self._meaning(node, parent), self._text(node)
             yield self._slip("squared", node, f"({text} * {text})", f"with {mine} squared" if mine else "")
             yield self._slip("its root", node, f"sqrt({text})", f"with the square root of {mine}" if mine else "")
             yield self._slip("1 - it", node, f"(1.0 - {text})", f"with 1 - {mine} in the place of {mine}" if mine else "")
@@ -353,6 +370,8 @@ class _Breeder:
     def _other_calls(self, node: Node, texts: list[str], words: list[str]) -> Iterator[_Change]:
         if node.name in SISTERS:
             sister = SISTERS[node.name]
+            every = re.sub(rf"\b{node.name}\(", f"{sister}(", self.body)
+            yield _Change(f"{sister} for every {node.name}", 0, len(self.body), every, node.start, f"with {sister} in the place of {node.name}", True)
             yield self._slip(f"{sister} for {node.name}", node, f"{sister}({', '.join(texts)})", f"with {sister} in the place of {node.name}")
         if node.name == "pow" and len(texts) == 2:
             yield self._slip("product for power", node, f"(({texts[0]}) * ({texts[1]}))", "with a product in the place of a power")

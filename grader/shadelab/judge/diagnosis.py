@@ -3,6 +3,7 @@ function is evaluated on. Then a search: what happens to the result (relations.p
 reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and several at once.
 Last, where it is wrong (places.py). Nothing is told that does not explain clearly better than the truth and than anything else."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -17,9 +18,10 @@ from shadelab.judge.relations import (
     Candidate,
     Comparison,
     Explanation,
-    monomial,
+    of_curve,
     of_directions,
     of_members,
+    of_quantities,
     of_result,
 )
 from shadelab.result import Mistake
@@ -30,6 +32,7 @@ PART = 0.05
 SEVERAL = 3
 UNDECLARED = "undeclared"  # id of a mistake that was found by searching
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
+MOSTLY = 0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
 HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
 FEWEST = 8  # wrong rows among those of which everything is known
 
@@ -83,7 +86,7 @@ def diagnose(
         search.whole()
         or search.by_members()
         or _declared(judgement, function, actual, limit, own, members, pairs=True)
-        or search.several(own)
+        or search.several()
         or search.blamed(declared)
     )
 
@@ -158,41 +161,36 @@ class _Search:
         self.wrong = judgement.wrong
         # A function that is right is not blamed; what the judged one does over again in its place may be wrong all the same.
         self.changed = sorted(changed, key=lambda c: (c.function != function.name, c.function in right))
+        self.everything = np.arange(len(actual))
         self.some = next((c.rows for c in changed if not c.everywhere), np.arange(len(actual)))
 
     # --- what is told ---
 
     def whole(self) -> Diagnosis | None:
         found = self._best(self.members, self.wrong)
-        return self._told([found], found.margin) if found else None
+        return self._told("values are", [found]) if found else None
 
     def by_members(self) -> Diagnosis | None:
         """Each wrong member by itself; the others may be right."""
-        if len(self.members) == 1:
-            return None
         parts = []
-        for member in self.members:
-            wrong = self._wrong_in(member)
+        for member in self.members if len(self.members) > 1 else ():
+            wrong = self._compared([member], self.everything).wrong & self.wrong
             if wrong.any():
                 found = self._best([member], wrong)
-                if found is None:
+                several = [found] if found else self._several([member], wrong)
+                if not several:
                     return None
-                found.words = f"{self._name(member)}: {found.words}"
-                parts.append(found)
-        return self._told(parts, min(p.margin for p in parts)) if parts else None
-
-    def several(self, declared: list[Candidate]) -> Diagnosis | None:
-        """Up to three, one after the other, each of what the earlier ones leave."""
-        left, parts = self.wrong.copy(), []
-        while left.sum() > UNEXPLAINED * self.wrong.sum() and len(parts) < SEVERAL:
-            found = self._largest_part(left, declared)
-            if found is None:
-                break
-            parts.append(found)
-            left &= ~found.explained
-        if not parts or left.sum() > UNEXPLAINED * self.wrong.sum():
+                name = self.function.outputs[member.start].path.removeprefix("result.")
+                parts += [(f"{name} is", part) for part in several]
+        if not parts:
             return None
-        return self._told(parts, min(p.margin for p in parts))
+        told = [self._told(subject, [part]) for subject, part in parts]
+        told[0].others = [d.mistake.hint for d in told[1:]]
+        return told[0]
+
+    def several(self) -> Diagnosis | None:
+        parts = self._several(self.members, self.wrong)
+        return self._told("values are", parts) if parts else None
 
     def blamed(self, declared: list[Candidate]) -> Diagnosis | None:
         """A declared mistake of a function that is right: this one does by itself what that one is there for, and does it wrongly."""
@@ -201,10 +199,9 @@ class _Search:
     def equal_to(self, id: str, declared: list[Candidate]) -> str:
         """What else gives the numbers of a declared mistake, in the search's words."""
         one = next(c for c in declared if c.id == id)
-        rows = np.arange(len(self.actual))
-        compared = self._compared(self.members, rows).as_if(one.output)
+        compared = self._compared(self.members, self.everything).as_if(one.output)
         for c in self.changed:
-            if c.everywhere and compared.explained(self._values(c, rows)).all():
+            if c.everywhere and compared.explained(self._values(c, self.everything)).all():
                 return f"your values are those of the reference {c.words}"
         compared = self._compared(self.members, self.some).as_if(one.output[self.some])
         for c in self.changed:
@@ -212,29 +209,22 @@ class _Search:
                 return f"your values are those of the reference {c.words}"
         return ""
 
-    def _told(self, parts: list[Explanation], margin: float) -> Diagnosis:
+    def _told(self, subject: str, parts: list[Explanation]) -> Diagnosis:
         first, *others = parts
         where = next((p.candidate.function for p in parts if p.candidate), self.function.name)
-        if first.candidate and first.candidate.id:
-            mistake = Mistake(id=first.candidate.id, hint=first.candidate.hint, margin=round(margin, 2))
-            return Diagnosis(mistake, first.candidate.function, others=[_sentence(p.words) for p in others])
-        mistake = Mistake(id=UNDECLARED, hint=_sentence(first.words), margin=round(margin, 2))
-        return Diagnosis(mistake, where, others=[_sentence(p.words) for p in others])
-
-    def _name(self, member: slice) -> str:
-        return self.function.outputs[member.start].path.removeprefix("result.")
+        mistake = Mistake(id=UNDECLARED, hint=_sentence(subject, first.words), margin=round(min(p.margin for p in parts), 2))
+        return Diagnosis(mistake, where, others=[_sentence(subject, p.words) for p in others])
 
     # --- how it is found ---
 
     def _best(self, members: list[slice], wrong: np.ndarray) -> Explanation | None:
         """The plainest of those that explain it; None when none does, or when it could be anything."""
-        found: list[Explanation] = []
-        everywhere = self._compared(members, np.arange(len(self.actual)))
+        everywhere = self._compared(members, self.everything)
+        found = _accepted(self._same_there(everywhere, wrong), everywhere)
         found += _accepted(self._of_truth(everywhere), everywhere)
         if self.changed:
-            rows = np.arange(len(self.actual))
             narrow = [c for c in self.changed if c.everywhere]
-            found += _accepted(_as_they_are(everywhere, narrow, [self._values(c, rows) for c in narrow]), everywhere)
+            found += _accepted(_as_they_are(everywhere, narrow, [self._values(c, self.everything) for c in narrow]), everywhere)
             compared = self._compared(members, self.some)
             if compared.wrong.sum() >= FEWEST:
                 values = [self._values(c, self.some) for c in self.changed]
@@ -244,50 +234,88 @@ class _Search:
                 found += here
         return _plainest(found)
 
+    def _same_there(self, compared: Comparison, wrong: np.ndarray) -> Iterator[Explanation]:
+        """One and the same on a condition: what a gate gives that should not be there."""
+        columns = [k for m in compared.members for k in range(m.start, m.stop)]
+        came = np.unique(self.actual[wrong][:, columns], axis=0)
+        if len(came) == 1 and (place := self._place(wrong)):
+            values = compared.truth.copy()
+            values[np.ix_(place.rows, columns)] = came[0]
+            yield _explanation(compared, f"{_vector(came[0])} where {place}", values, 0)
+
     def _of_truth(self, compared: Comparison) -> Iterator[Explanation]:
+        if not compared.wrong.any():
+            return
         for words, values, plain in of_result(compared, compared.truth, plain=True):
             yield _explanation(compared, f"{words} {_times(words)}what is expected", values, plain)
         for words, values, plain in of_members(self.function, compared.members, compared.truth):
             yield _explanation(compared, f"those of the reference with {words}", values, plain)
         for words, values, plain in of_directions(compared):
             yield _explanation(compared, words, values, plain)
-        if found := monomial(compared):
-            yield _explanation(compared, f"what is expected times {found[0]}", found[1], 2)
-        came = compared.actual[:, [k for m in compared.members for k in range(m.start, m.stop)]]
+        for words, values, plain in of_quantities(compared):
+            yield _explanation(compared, f"what is expected {words}", values, plain)
+        for words, values, plain in of_curve(compared):
+            yield _explanation(compared, words, values, plain)
+        columns = [k for m in compared.members for k in range(m.start, m.stop)]
+        came = compared.actual[:, columns]
         if len(values := np.unique(came[np.isfinite(came).all(axis=1)], axis=0)) == 1:
             constant = np.zeros_like(compared.truth)
-            constant[:, [k for m in compared.members for k in range(m.start, m.stop)]] = values[0]
+            constant[:, columns] = values[0]
             yield _explanation(compared, f"always {_vector(values[0])}", constant, 0)
 
-    def _largest_part(self, left: np.ndarray, declared: list[Candidate]) -> Explanation | None:
-        """What explains most of what is left, exactly, on rows that one condition describes or that are most of it."""
-        enough = max(3, PART * self.wrong.sum())
-        best: Explanation | None = None
-        everything = np.arange(len(self.actual))
-        compared = self._compared(self.members, everything)
-        offers = [(c, compared.explained(c.output), f"{c.hint}") for c in declared]
-        offers += [
-            (c, compared.explained(self._values(c, everything)), f"those of the reference {c.words}") for c in self.changed if c.everywhere
-        ]
-        rows = np.flatnonzero(left)
-        for e in self._of_truth(self._compared(self.members, rows)):
+    def _several(self, members: list[slice], wrong: np.ndarray) -> list[Explanation]:
+        """Up to three, one after the other, each of what the earlier ones leave; none where that leaves more than a tenth."""
+        left, parts = wrong.copy(), []
+        while left.sum() > UNEXPLAINED * wrong.sum() and len(parts) < SEVERAL:
+            found = self._largest_part(members, left, wrong)
+            if found is None:
+                return []
+            parts.append(found)
+            left &= ~found.explained
+        return parts if left.sum() <= UNEXPLAINED * wrong.sum() else []
+
+    def _largest_part(self, members: list[slice], left: np.ndarray, wrong: np.ndarray) -> Explanation | None:
+        """What explains most of what is left, on rows that one condition describes; or that condition alone."""
+        enough = max(3, PART * wrong.sum())
+        here, rows = self._compared(members, self.everything), np.flatnonzero(left)
+        offers = []
+        for c in self.changed:
+            if c.everywhere:
+                values = self._values(c, self.everything)
+                explained, differs = here.explained(values), ~here.as_if(values).explained(here.truth)
+                if (explained & differs).sum() > MOSTLY * differs.sum():  # else the student is right where this is not
+                    offers.append(Explanation(f"those of the reference {c.words}", explained & left, 0, c))
+        place = self._place(left)
+        if place is not None and left.sum() >= enough:
+            inside = self._compared(members, np.flatnonzero(left & place.rows))
+            for e in self._of_truth(inside):
+                if e.explained.mean() > 1 - UNEXPLAINED:
+                    explained = np.zeros(len(self.actual), bool)
+                    explained[np.flatnonzero(left & place.rows)] = e.explained
+                    offers.append(Explanation(f"{e.words}, where {place}", explained, 0, plain=e.plain))
+        for e in self._of_truth(self._compared(members, rows)) if place is None else ():
             explained = np.zeros(len(self.actual), bool)
             explained[rows] = e.explained
-            offers.append((None, explained, e.words))
-        for candidate, explained, words in offers:
-            part = int((explained & left).sum())
-            if part >= enough and (best is None or part > 1.1 * (best.explained & left).sum()):
-                best = Explanation(words, explained & left, len(left) - part, candidate, margin=float(part))
-        place = self._place(left)
-        if best is not None:
-            if place and (best.explained & left).sum() > (1 - UNEXPLAINED) * left.sum():
-                best.words = f"{best.words}, where {place}" if best.candidate is None else best.words
-            elif own := self._place(best.explained):
-                best.words = f"{best.words}, where {own}" if best.candidate is None else best.words
+            if own := self._place(explained):
+                offers.append(Explanation(f"{e.words}, where {own}", explained, 0, plain=e.plain))
+        offers = [e for e in offers if (e.explained & left).sum() >= enough]
+        if offers:
+            most = max((e.explained & left).sum() for e in offers)
+            best = min((e for e in offers if (e.explained & left).sum() > 0.9 * most), key=lambda e: e.plain)
+            best.margin = float((best.explained & left).sum())
             return best
         if place and left.mean() < HALF:
-            return Explanation(f"wrong where {place}{_inside(self, place, left)}", left & place.rows, 0, margin=float(left.sum()))
+            return Explanation(f"wrong where {place}{self._inside(members, place, left)}", left & place.rows, 0, margin=float(left.sum()))
         return None
+
+    def _inside(self, members: list[slice], place: Place, wrong: np.ndarray) -> str:
+        """What came there."""
+        columns = [k for m in members for k in range(m.start, m.stop)]
+        rows = place.rows & wrong
+        came, truth = self.actual[rows][:, columns], self.judgement.table.truth[rows][:, columns]
+        if not np.isfinite(came).all(axis=1).any():
+            return ", and not finite there"
+        return ", and not 0 there" if (truth == 0).all() else ""
 
     def _place(self, wrong: np.ndarray) -> Place | None:
         """Beside the rows that are right."""
@@ -304,22 +332,6 @@ class _Search:
         whole = self.judgement.table.truth.copy()
         whole[c.rows] = c.output
         return whole[rows]
-
-    def _wrong_in(self, member: slice) -> np.ndarray:
-        return self._compared([member], np.arange(len(self.actual))).wrong & self.wrong
-
-
-def _inside(search: _Search, place: Place, wrong: np.ndarray) -> str:
-    """What came there."""
-    rows = place.rows & wrong
-    came, truth = search.actual[rows], search.judgement.table.truth[rows]
-    if not np.isfinite(came).any(axis=1).any():
-        return ", and not finite there"
-    if (truth == 0).all():
-        return ", and not 0 there"
-    if (values := np.unique(came, axis=0)).shape[0] == 1:
-        return f", and always {_vector(values[0])} there"
-    return ""
 
 
 def _explanation(
@@ -376,11 +388,14 @@ def _plainest(found: list[Explanation]) -> Explanation | None:
 
 
 def _times(words: str) -> str:
-    return "times " if words[:1].isdigit() or words[:1] in "-ps" and not words.startswith("the") else ""
+    return "times " if re.fullmatch(r"-?[\d.e/()+-]*( ?pi)?( squared|/[\d.]+|\))?|sqrt\(.*\)|.*/sqrt\(.*\)", words) else ""
 
 
-def _sentence(words: str) -> str:
-    return words if words.endswith("?") else f"Your values are {words}."
+def _sentence(subject: str, words: str) -> str:
+    """`subject` is "values are" or a member's "diffuse is"."""
+    if subject != "values are":
+        words = words.replace("those of the reference", "that of the reference")
+    return f"Your {subject} {words}."
 
 
 def _vector(values: np.ndarray) -> str:

@@ -13,8 +13,9 @@ from shadelab.course.assignment import Function, named_arrays
 # leaves out is allowed to be wrong by the same token), and when at least DENSE of the rows that it holds for are wrong: where the
 # right answer is 0 a wrong function may be right by chance.
 STRAY = 0.01
-DENSE = 0.6
+DENSE = 0.4
 FEW = 3  # wrong rows describe nothing below it
+EXPECTED = "the expected "
 SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
 
 
@@ -61,7 +62,7 @@ def quantities(function: Function, rows: np.ndarray, truth: np.ndarray | None = 
             out[f"the largest channel of {path}"] = arrays[path].max(axis=1)
             out[f"the smallest channel of {path}"] = arrays[path].min(axis=1)
     for k, column in enumerate(function.outputs if truth is not None else ()):
-        out[f"the expected {column}"] = truth[:, k]
+        out[f"{EXPECTED}{column}"] = truth[:, k]
     return out
 
 
@@ -70,9 +71,22 @@ def directions_of(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]
     columns = {c.path: c for c in function.inputs if c.index == 0}
     arrays = {path: np.asarray(a, np.float64) for path, a in named_arrays(function.inputs, rows).items()}
     out = {p: arrays[p] for p, c in columns.items() if c.domain.kind in ("unit", "upper")}
+    bases = {columns[p].domain.base for p in out}
+    out = dict(sorted(out.items(), key=lambda item: item[0] not in bases))  # n.l and not l.n
     for one, other in combinations([p for p, c in columns.items() if c.domain.kind == "position"], 2):
         out[f"unit({one} - {other})"] = _unit(arrays[one] - arrays[other])
     return out
+
+
+def channels_of(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """The arguments' colours, (N, 3) float64 each, and 1 minus each."""
+    columns = {c.path: c for c in function.inputs if c.index == 0}
+    colours = {
+        path: np.asarray(a, np.float64)
+        for path, a in named_arrays(function.inputs, rows).items()
+        if columns[path].width == 3 and columns[path].domain.kind not in ("unit", "upper", "position")
+    }
+    return colours | {f"(1 - {path})": 1 - a for path, a in colours.items() if columns[path].domain.kind == "rgb"}
 
 
 def place_of(
@@ -90,6 +104,10 @@ def place_of(
             strays = (wrong & ~place.rows).sum()
             if strays > STRAY * wrong.sum() or inside.sum() == 0 or inside.sum() > 0.97 * whole.sum():
                 continue
+            if name.startswith(EXPECTED):  # "wherever it is not 0" says nothing
+                size = np.abs(values)
+                if (~inside & whole & (size > 0.01 * np.percentile(size, 95))).sum() < 0.05 * whole.sum():
+                    continue
             density = (wrong & inside).sum() / inside.sum()
             if density < DENSE:
                 continue

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from shadelab.course.assignment import Function
-from shadelab.judge.places import directions_of, quantities
+from shadelab.judge.places import channels_of, directions_of, quantities
 from shadelab.truth.expected import Table
 from shadelab.truth.measures import FACTOR, SMALL
 
@@ -32,6 +32,7 @@ CONSTANTS = {
     **{f"{k:g}": k for k in (-1.0, 2.0, 3.0, 4.0, 5.0, 8.0, 10.0, 0.5, 0.25, 0.125, 0.1, -2.0, -0.5)},
 }  # fmt: skip
 CHANCE = 4  # parameters of a fit cost so many rows
+FITTED = 400  # numbers that a factor is fitted to
 MONOMIALS = (1, -1, 2, -2, 0.5, -0.5, 3, -3, 4, -4, 5, -5)
 
 
@@ -70,10 +71,13 @@ class Comparison:
         self.function, self.rows, self.members = function, rows, members
         self.truth, self.actual = table.truth[rows], actual[rows].astype(np.float64)
         self.conditioning, self.inputs = FACTOR * table.conditioning[rows], table.rows[rows]
+        # What is small is judged absolutely, by the truth's own scale over the whole table: a wild hypothesis excuses nothing.
+        finite = np.where(np.isfinite(table.truth), np.abs(table.truth), 0.0)
+        self.scales = {m.start: float(np.percentile(finite[:, m], 95)) for m in members}
         self.tolerance = max(ALIKE, limit)
         with np.errstate(all="ignore"):
-            off = np.abs(self.actual - self.truth) / (np.abs(self.truth) + SMALL * np.nanmax(np.abs(self.truth)))
-        off = np.nan_to_num(off[:, _columns(members)].max(axis=1), nan=np.inf)
+            size = np.abs(self.truth) + SMALL * max(self.scales.values())
+            off = np.nan_to_num(np.abs(self.actual - self.truth) / size, nan=np.inf)[:, _columns(members)].max(axis=1)
         if (wrong := off[off > limit]).size:
             self.tolerance = min(self.tolerance, max(limit, NEARER * float(np.median(wrong))))
         self.wrong = ~self.explained(self.truth)
@@ -98,8 +102,7 @@ class Comparison:
             for member in self.members:
                 a, c = self.actual[:, member], output[..., member]
                 size = np.where(np.isfinite(c), np.abs(c), 0.0)
-                scale = np.percentile(size, 95, axis=(-2, -1), keepdims=True)
-                allowed = self.tolerance * (size + SMALL * scale) + self.conditioning[:, member]
+                allowed = self.tolerance * (size + SMALL * self.scales[member.start]) + self.conditioning[:, member]
                 same = (np.abs(a - c) <= allowed) | (a == c) | (np.isnan(a) & np.isnan(c))
                 alike &= same.all(axis=-1)
         return alike
@@ -131,9 +134,10 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
         if positive.sum() >= 8:
             x, y = np.log(output[positive]), np.log(a[positive])
             power = float(np.median(y / x))
-            for p in (power, round(2 * power) / 2):
-                if 0.1 < abs(p) < 16 and abs(p - 1) > 0.01 and abs(p - power) < 0.02 and (plain or p == round(2 * p) / 2):
-                    yield _power(p), np.sign(output) * np.abs(output) ** p, 2
+            half = round(2 * power) / 2
+            p = half if abs(half - power) < 0.02 else power
+            if 0.1 < abs(p) < 16 and abs(p - 1) > 0.01 and (plain or p == half):
+                yield _power(p), np.sign(output) * np.abs(output) ** p, 2
             if plain and np.ptp(x) > 0.1:
                 p, k = np.polyfit(x, y, 1)
                 yield f"{np.exp(k):.4g} times the power {p:.4g} of", np.exp(k) * np.abs(output) ** p, 4
@@ -145,9 +149,14 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
         yield "the absolute value of", np.abs(output), 1
         yield "the clamped (to 0 .. 1)", np.clip(output, 0, 1), 1
         yield "the clamped (at 0)", np.maximum(output, 0), 1
-        yield "1 over", 1 / output, 1
         yield "the rounded", np.round(output), 2
         if plain:
+            finite = a[:, columns][np.isfinite(a[:, columns])]
+            if finite.size:
+                for bound, words, limited in (
+                    (finite.max(), "the smaller one of {} and", np.minimum), (finite.min(), "the larger one of {} and", np.maximum)
+                ):  # fmt: skip
+                    yield words.format(f"{bound:.4g}"), limited(output, bound), 2
             offset = float(np.median((a - output)[:, columns][np.isfinite((a - output)[:, columns])]))
             if abs(offset) > 1e-12:
                 yield f"{offset:.4g} more than", output + offset, 3
@@ -176,6 +185,9 @@ def of_members(function: Function, members: list[slice], truth: np.ndarray) -> I
                 "{} with its first and second exchanged": [1, 0, 2], "{} with its second and third exchanged": [0, 2, 1],
             }.items():  # fmt: skip
                 yield words.format(mine), _with(truth, (one, truth[:, one][:, order])), 1
+            for words, reduced in (("the mean", np.mean), ("the largest", np.max)):
+                same = reduced(truth[:, one], axis=1, keepdims=True) + np.zeros(3)
+                yield f"{words} of the channels of {mine} for all", _with(truth, (one, same)), 1
         for other in members[k + 1 :]:
             if one.stop - one.start == other.stop - other.start:
                 theirs = _name(function, other)
@@ -208,6 +220,8 @@ def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
             if not names or len(names) > 6:
                 continue
             columns = np.stack([np.cross(unit, basis[n][use]).ravel() for n in names], axis=1)
+            if not np.isfinite(columns).all():
+                continue
             values, vectors = np.linalg.svd(columns, full_matrices=False)[1:]
             c = vectors[-1]
             if values[-1] > 1e-3 * np.sqrt(use.sum()):
@@ -220,7 +234,7 @@ def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
             size = np.linalg.norm(pointing, axis=1)
             ratio = np.median(length[use] / size[use])
             constant = np.abs(length[use] / size[use] / ratio - 1) < 0.01
-            factor = ratio if constant.mean() > 0.9 else (length / np.maximum(size, 1e-30))[:, None]
+            factor = ratio if constant.mean() > 0.9 else np.where(length > 1e-6, length / np.maximum(size, 1e-30), np.nan)[:, None]
             if constant.mean() > 0.9:
                 said = _combination({n: k * ratio for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()})
                 yield said, _with(compared.truth, (member, factor * pointing)), 3
@@ -255,69 +269,156 @@ def _with(values: np.ndarray, *replaced: tuple[slice, np.ndarray]) -> np.ndarray
     return out
 
 
-def monomial(compared: Comparison) -> tuple[str, np.ndarray] | None:
-    """A factor that is a power of one quantity of the inputs, or of two: forgotten, or too many."""
+def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+    """A factor made of the inputs' quantities: powers of one or two of them, forgotten or too many (the lobe times n.l); one that
+    is straight in a quantity ((q + 2)/(2 pi)), or that depends on it alone; a number added to a divisor."""
     columns = _columns(compared.members)
     with np.errstate(all="ignore"):
-        ratio = compared.actual[:, columns] / compared.truth[:, columns]
-        size = np.abs(compared.truth[:, columns])
-        usable = np.isfinite(ratio) & (ratio > 0) & (size > 1e-4 * np.nanpercentile(size, 95))
-        y = np.where(usable.any(axis=1), _row_median(np.where(usable, np.log(np.abs(ratio)), np.nan)), np.nan)
-        known = {name: np.log(values) for name, values in quantities(compared.function, compared.inputs).items()}
-        use = np.isfinite(y)
+        truth, came = compared.truth[:, columns], compared.actual[:, columns]
+        known = quantities(compared.function, compared.inputs)
+        by_channel = {
+            name: values[:, :3]
+            for name, values in channels_of(compared.function, compared.inputs).items()
+            if all(m.stop - m.start == 3 for m in compared.members)
+        }
+        spread = {n: np.repeat(x[:, None], len(columns), axis=1) for n, x in known.items()}
+        tiled = {n: np.tile(x, (1, len(columns) // 3)) for n, x in by_channel.items()}
+        everything = spread | tiled
+        usable = np.isfinite(came) & np.isfinite(truth) & (np.abs(truth) > 1e-4 * np.nanpercentile(np.abs(truth), 95))
+        if usable.sum() < 12:
+            return
+        ratio = came / truth
+        rng = np.random.default_rng(1)
+        chosen = np.flatnonzero(usable.ravel())
+        chosen = chosen[rng.permutation(len(chosen))[:FITTED]]
+        flat = {n: x.ravel()[chosen] for n, x in everything.items()}
+        flat = {n: x for n, x in flat.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6 * np.abs(x).max()}
+        r = ratio.ravel()[chosen]
+
+        def values(factor: np.ndarray) -> np.ndarray:
+            out = compared.truth.copy()
+            out[:, columns] = np.where(truth == 0, 0.0, truth * factor)
+            return out
+
+        if found := _monomial(r, flat, compared.tolerance):
+            powers, constant = found
+            factor = constant * np.prod([everything[n] ** p for n, p in powers.items()], axis=0)
+            yield _product(powers, constant, compared.tolerance), values(factor), 2
+        for inverse in (1, -1):
+            excess = r**inverse - 1
+            if found := _monomial(np.abs(excess), flat, 20 * compared.tolerance):
+                powers, constant = found
+                constant *= np.sign(np.median(excess))
+                factor = (1 + constant * np.prod([everything[n] ** p for n, p in powers.items()], axis=0)) ** inverse
+                said = _product(powers, abs(constant), compared.tolerance).removeprefix("times ")
+                verb, sign = ("times" if inverse == 1 else "divided by"), "+" if constant > 0 else "-"
+                if inverse == -1 and all(p < 0 for p in powers.values()):
+                    divisor = _product({n: -p for n, p in powers.items()}, 1.0, 1e-3).removeprefix("times ")
+                    yield f", but with {constant:.3g} added to the divisor {divisor}", values(factor), 3
+                else:
+                    yield f"{verb} (1 {sign} {said})", values(factor), 4
+        for name, x in flat.items():
+            for inverse in (1, -1):
+                y = r**inverse
+                if not np.isfinite(y).all():
+                    continue
+                slope, start = np.polyfit(x, y, 1, w=1 / np.maximum(np.abs(y), 1e-9))
+                if (np.abs(slope * x + start - y) <= 2 * compared.tolerance * np.abs(y)).mean() > 0.9 and abs(slope) > 0:
+                    factor = (slope * everything[name] + start) ** inverse
+                    verb = "times" if inverse == 1 else "divided by"
+                    yield f"{verb} {_straight(slope, start, name)}", values(factor), 3
+        for name, x in flat.items():
+            order = np.argsort(x)
+            step = np.abs(np.diff(r[order])) / (np.abs(r[order][1:]) + 0.02 * np.abs(r).max())
+            if len(r) >= 60 and np.mean(step < 0.05) > 0.95 and np.ptp(r) > 0.1 * np.abs(r).max() and name in spread:
+                inside = np.interp(everything[name], x[order], r[order])
+                low, high = x[order][len(x) // 20], x[order][-len(x) // 20 - 1]
+                at = " and ".join(f"{np.interp(k, x[order], r[order]):.3g} at {name} = {k:.3g}" for k in (low, high))
+                yield f"times a factor that depends on {name} alone: {at}", np.where(
+                    np.abs(values(inside) - compared.actual) < 0.05 * np.abs(compared.actual), compared.actual, values(inside)
+                ), 5
+
+
+def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+    """A curve of what is expected alone: another ramp, a tone curve."""
+    columns = _columns(compared.members)
+    truth, came = compared.truth[:, columns].ravel(), compared.actual[:, columns].ravel()
+    use = np.isfinite(truth) & np.isfinite(came)
+    if use.sum() < 60:
+        return
+    order = np.flatnonzero(use)[np.argsort(truth[use], kind="stable")]
+    x, y = truth[order], came[order]
+    ramp = (np.abs(y - x) > compared.tolerance * np.ptp(x)) & np.append(np.diff(x) > 0, True)
+    if ramp.sum() < 30:
+        return
+    bends = np.abs(y[1:-1] - (y[:-2] + y[2:]) / 2)  # a curve through its neighbours
+    if np.mean(bends < 2e-3 * np.ptp(y) + np.abs(y[2:] - y[:-2])) < 0.97 or np.mean(bends[ramp[1:-1]] < 5e-3 * np.ptp(y)) < 0.9:
+        return
+    at = [np.percentile(x[ramp], k) for k in (10, 50, 90)]
+    said = ", ".join(f"{np.interp(k, x, y):.3g} where it is {k:.3g}" for k in at)
+    through = np.interp(compared.truth[:, columns], x, y)
+    near = np.abs(through - compared.actual[:, columns]) < 0.02 * np.ptp(y)
+    values = compared.truth.copy()
+    values[:, columns] = np.where(near, compared.actual[:, columns], through)
+    yield f"on a curve of their own over what is expected: {said}", values, 5
+
+
+def _monomial(ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float) -> tuple[dict[str, float], float] | None:
+    """The powers of at most two quantities, with a constant, that give the ratio."""
+    if not (ratio > 0).mean() > 0.95:
+        return None
+    y = np.log(np.abs(ratio))
+    logs = {n: np.log(x) for n, x in known.items()}
+    logs = {n: x for n, x in logs.items() if np.isfinite(x).mean() > 0.95 and np.nanstd(x) > 0.02}
+    if np.ptp(y[np.isfinite(y)]) < 10 * tolerance if np.isfinite(y).any() else True:
+        return None
+    names = list(logs)
+    best = None
+    for group in [*((n,) for n in names), *combinations(names[:24], 2)]:
+        if best is not None and best[0] > 0.97 and len(group) > len(best[1]):
+            break
+        use = np.isfinite(y) & np.all([np.isfinite(logs[n]) for n in group], axis=0)
         if use.sum() < 12:
-            return None
-        best = None
-        logs = {n: x for n, x in known.items() if np.isfinite(x[use]).mean() > 0.9 and np.nanstd(x[use]) > 0.02}
-        for name, x in logs.items():
-            found = _fitted(y, [x], use, compared.tolerance)
-            if found and (best is None or found[0] > best[0]):
-                best = (found[0], [(name, found[1][0])], found[2])
-        if best is None or best[0] < 0.9:
-            names = list(logs)[:24]
-            for i, one in enumerate(names):
-                for other in names[i + 1 :]:
-                    found = _fitted(y, [logs[one], logs[other]], use, compared.tolerance)
-                    if found and (best is None or found[0] > best[0]):
-                        best = (found[0], [(one, found[1][0]), (other, found[1][1])], found[2])
-        if best is None or best[0] < 1 - UNEXPLAINED:
-            return None
-        _, powers, constant = best
-        factor = np.exp(constant + sum(p * known[name] for name, p in powers))
-        values = compared.truth * np.where(np.isfinite(factor), factor, 0.0)[:, None]
-        named, value = _nearest(float(np.exp(constant)), 10 * compared.tolerance)
-        said = [] if abs(constant) < 1e-3 else [named or f"{np.exp(constant):.4g}"]
-        said += [_raised(name, p) for name, p in powers]
-        return " times ".join(said), values
+            continue
+        a = np.column_stack([*[logs[n][use] for n in group], np.ones(use.sum())])
+        try:
+            solution = np.linalg.solve(a.T @ a, a.T @ y[use])
+        except np.linalg.LinAlgError:
+            continue
+        powers = [min(MONOMIALS, key=lambda p: abs(p - s)) for s in solution[:-1]]
+        if max(abs(p - s) for p, s in zip(powers, solution)) > 0.3:
+            continue
+        rest = y[use] - sum(p * logs[n][use] for p, n in zip(powers, group))
+        constant = float(np.median(rest))
+        share = float((np.abs(rest - constant) <= 3 * tolerance).mean())
+        if share > 0.9 and (best is None or share > best[0]):
+            best = (share, dict(zip(group, powers)), float(np.exp(constant)))
+    return best[1:] if best else None
 
 
-def _row_median(values: np.ndarray) -> np.ndarray:
-    """Of the numbers of each row that are none left out."""
-    counts = np.isfinite(values).sum(axis=1)
-    ordered = np.sort(np.where(np.isfinite(values), values, np.inf), axis=1)
-    return ordered[np.arange(len(values)), np.maximum(counts - 1, 0) // 2]
+def _product(powers: dict[str, float], constant: float, tolerance: float) -> str:
+    """times 2 pi and n.l, divided by m^2"""
+    named, _ = _nearest(constant, 10 * tolerance)
+    times = [] if abs(constant - 1) < 1e-3 else [named or f"{constant:.4g}"]
+    times += [_raised(n, p) for n, p in powers.items() if p > 0]
+    divided = [_raised(n, -p) for n, p in powers.items() if p < 0]
+    said = ([f"times {' times '.join(times)}"] if times else []) + ([f"divided by {' and '.join(divided)}"] if divided else [])
+    return " and ".join(said)
 
 
-def _fitted(y: np.ndarray, xs: list[np.ndarray], use: np.ndarray, tolerance: float):
-    """Powers that people write, with a constant: (share of rows that fit, powers, constant)."""
-    use = use & np.isfinite(np.sum(xs, axis=0))
-    if use.sum() < 12:
-        return None
-    a = np.column_stack([*[x[use] for x in xs], np.ones(use.sum())])
-    try:
-        solution, *_ = np.linalg.lstsq(a, y[use], rcond=None)
-    except np.linalg.LinAlgError:
-        return None
-    powers = [min(MONOMIALS, key=lambda p: abs(p - s)) for s in solution[:-1]]
-    if max(abs(p - s) for p, s in zip(powers, solution)) > 0.25:
-        return None
-    rest = y[use] - sum(p * x[use] for p, x in zip(powers, xs))
-    constant = float(np.median(rest))
-    return float((np.abs(rest - constant) <= 4 * tolerance).mean()), powers, constant
+def _straight(slope: float, start: float, name: str) -> str:
+    """0.159155 (q + 2)"""
+    if abs(start) < 1e-6 * abs(slope):
+        return f"{slope:.6g} {name}"
+    shift = start / slope
+    near = round(shift, 2)
+    shift = near if abs(near - shift) < 0.01 * abs(shift) else shift
+    named, _ = _nearest(slope, 1e-3)
+    size = "" if named == "1" or abs(slope - 1) < 1e-3 else f"{named or f'{slope:.4g}'} "
+    return f"{size}({name} {'+' if shift > 0 else '-'} {abs(shift):.4g})"
 
 
 def _raised(name: str, power: float) -> str:
-    base = name if "(" not in name or name.endswith(")") else f"({name})"
     if power == 1:
-        return base
-    return f"1 / {base}" if power == -1 else f"{base}^{power:g}"
+        return name
+    return f"{name}^{power:g}" if name.replace(".", "").isalnum() else f"({name})^{power:g}"

@@ -10,9 +10,8 @@ import numpy as np
 from shadelab.course.assignment import Function, named_arrays
 from shadelab.course.mistakes import load_changes, regions
 from shadelab.course.mutants import Mutant, Scope, mutants
-from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Evaluate
-from shadelab.machine.build import Recipe, broken_lines
+from shadelab.machine.build import DOUBLE, Recipe, broken_lines
 from shadelab.truth.expected import Hypothesis, Table, with_callers
 from shadelab.truth.measures import function_members, scaled_error
 from shadelab.truth.tables import renormalised
@@ -24,7 +23,7 @@ from shadelab.truth.workshop import Workshop
 NARROW, KEPT = 1500, 512
 # Two that differ by less are one: the sentence of the first is told.
 SAME = 1e-5
-BODIES = 4  # of a function: its own and its first variants', of which mutants are bred
+BODIES = 3  # of a function: its own and its first variants', of which mutants are bred
 ROWS_AT_ONCE = 200_000
 CHANGED = Recipe(double=True, loops=(), many=True)
 CHOOSE = """\
@@ -53,6 +52,9 @@ def _of_function(
     exact = renormalised(function, table.rows)
     for transform, output in _transformed(workshop, function, exact):
         kept.add(transform.words, function.name, output)
+    for sister in _sisters(workshop, function):
+        output = workshop.solution(DOUBLE).evaluate(Evaluate(sister, exact))
+        kept.add(f"with {sister.name} in the place of {function.name}", function.name, output.array)
     runner = workshop.cpp(changed.folder, CHANGED)
     for number, mutant in changed.of(function, calls):
         runner.environment = {"SHADELAB_CHOSEN": str(number)}
@@ -62,9 +64,18 @@ def _of_function(
     return {f"{function.name}.{part}": array for part, array in kept.arrays().items()}
 
 
+def _sisters(workshop: Workshop, function: Function) -> list[Function]:
+    """Those that could be called in its place."""
+
+    def signature(f: Function) -> list[str]:
+        return [f.returns, *(v.domain.type for v in f.values)]
+
+    return [f for f in workshop.assignment.functions if f.name != function.name and signature(f) == signature(function)]
+
+
 def _transformed(workshop: Workshop, function: Function, exact: np.ndarray):
     """Many to a run: a process takes longer to start than to evaluate some thousand rows."""
-    runner = workshop.solution(Recipe(double=True, loops=()))
+    runner = workshop.solution(DOUBLE)
     arrays = named_arrays(function.inputs, exact)
     pending: list[tuple[Transform, np.ndarray]] = []
 
@@ -160,7 +171,8 @@ class _ChangedReferences:
                 for mutant in mutants(function.name, body, scope):
                     if mutant.words:
                         out.setdefault((function.name, mutant.body), mutant)
-        return list(out.values())
+        # Constants last: of two that give the same numbers the first is told, and "4 for 5" tells least.
+        return sorted(out.values(), key=lambda mutant: "constant" in mutant.words)
 
     def _program(self, bred: dict[int, Mutant]) -> str:
         text = self.text

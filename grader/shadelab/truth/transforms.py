@@ -18,7 +18,7 @@ _scalars: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     ("the absolute value of {}", np.abs), ("1 / {} squared", lambda s: 1 / (s * s)), ("{} to the fourth power", lambda s: s**4),
     ("pi times {}", lambda s: np.pi * s), ("{} / pi", lambda s: s / np.pi), ("sqrt(2) times {}", lambda s: np.sqrt(2) * s),
     ("{} / sqrt(2)", lambda s: s / np.sqrt(2)), ("{} taken as degrees", np.radians), ("{} turned into degrees", np.degrees),
-    ("the whole part of {}", np.floor), ("{} rounded", np.round), ("{} clamped to 0 .. 1", lambda s: np.clip(s, 0, 1)),
+    ("the whole part of {}", np.floor), ("{} rounded", np.round), ("{} rounded up", np.ceil), ("{} clamped to 0 .. 1", lambda s: np.clip(s, 0, 1)),
     ("the cosine of {}", np.cos), ("the sine of {}", np.sin), ("the tangent of {}", np.tan), ("the arc cosine of {}", lambda s: np.arccos(np.clip(s, -1, 1))),
     ("{} cubed", lambda s: s**3), ("{} + 1e-3", lambda s: s + 1e-3), ("{} + 1e-4", lambda s: s + 1e-4), ("2 - {}", lambda s: 2 - s),
 ]  # fmt: skip
@@ -58,27 +58,45 @@ def transforms(function: Function) -> Iterator[Transform]:
     """All of them; nothing of it depends on what the function computes."""
     kinds = paths(function)
     yield from _of_directions(directions(function))
-    for path, column in kinds.items():
-        if column.domain.kind in ("unit", "upper"):
-            continue
+    others = {p: c for p, c in kinds.items() if c.domain.kind not in ("unit", "upper")}
+    pairs = [(p, q) for p, q in combinations(others, 2) if _alike(others[p], others[q])]
+    for p, q in pairs:
+        yield Transform(f"with {p} and {q} exchanged", lambda a, p=p, q=q: {p: a[q], q: a[p]})
+        for one, other in ((p, q), (q, p)):
+            yield _instead(one, f"{other} in the place of {one}", lambda a, o=other: a[o])
+    for path, column in others.items():
         if column.domain.type == "int":
-            low, high = column.domain.range
-            for value in range(int(low), int(high) + 1):
-                yield _instead(path, f"{value} in the place of {path}", lambda a, p=path, v=value: np.full_like(a[p], v))
-        else:
-            for words, change in _scalars if column.width == 1 else _colours:
-                yield _instead(path, f"{words.format(path)} in the place of {path}", lambda a, p=path, c=change: c(a[p]))
-            for value in (1, 0):
-                yield _instead(path, f"{value} in the place of {path}", lambda a, p=path, v=value: np.full_like(a[p], v))
-    for one, other in combinations(kinds, 2):
-        a, b = kinds[one], kinds[other]
-        alike = a.width == b.width and a.domain.type == b.domain.type
-        if alike and not {a.domain.kind, b.domain.kind} & {"unit", "upper"}:
-            yield Transform(f"with {one} and {other} exchanged", lambda v, p=one, q=other: {p: v[q], q: v[p]})
-            for p, q in ((one, other), (other, one)):
-                yield _instead(p, f"{q} in the place of {p}", lambda v, q=q: v[q])
-                product = f"{p} times {q} in the place of {p}"
-                yield _instead(p, product, lambda v, p=p, q=q: v[p] * v[q])
+            yield from _of_choice(path, *map(int, column.domain.range))
+            continue
+        for value in (0, 1):
+            yield _instead(path, f"{value} in the place of {path}", lambda a, p=path, v=value: np.full_like(a[p], v))
+        for words, change in _scalars if column.width == 1 else _colours if column.width == 3 else ():
+            yield _instead(path, f"{words.format(path)} in the place of {path}", lambda a, p=path, c=change: c(a[p]))
+    for p, q in pairs:
+        for one, other in ((p, q), (q, p)):
+            yield _instead(one, f"{one} + {other} in the place of {one}", lambda a, p=one, q=other: a[p] + a[q])
+            yield _instead(one, f"{one} - {other} in the place of {one}", lambda a, p=one, q=other: a[p] - a[q])
+            yield _instead(one, f"{other} - {one} in the place of {one}", lambda a, p=one, q=other: a[q] - a[p])
+            yield _instead(one, f"{one} times {other} in the place of {one}", lambda a, p=one, q=other: a[p] * a[q])
+        if others[p].width == 1:
+            for words, change in _scalars:
+                both = f"with {words.format(p)} and {words.format(q)} in the places of {p} and {q}"
+                yield Transform(both, lambda a, p=p, q=q, c=change: {p: c(a[p]), q: c(a[q])})
+
+
+def _alike(a: Column, b: Column) -> bool:
+    return a.width == b.width and a.domain.type == b.domain.type != "int"
+
+
+def _of_choice(path: str, low: int, high: int) -> Iterator[Transform]:
+    """A number that says which of several kinds it is."""
+    for one, other in combinations(range(low, high + 1), 2):
+        exchanged = lambda a, p=path, i=one, j=other: np.where(a[p] == i, j, np.where(a[p] == j, i, a[p]))  # noqa: E731
+        yield Transform(f"with {path} {one} and {other} exchanged", lambda a, p=path, e=exchanged: {p: e(a)})
+        for i, j in ((one, other), (other, one)):
+            yield Transform(
+                f"with {path} {i} treated as {j}", lambda a, p=path, i=i, j=j: {p: np.where(a[p] == i, j, a[p])}
+            )
 
 
 def _instead(path: str, words: str, value: Callable[[dict[str, np.ndarray]], np.ndarray]) -> Transform:
