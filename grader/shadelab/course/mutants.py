@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from shadelab.course.assignment import Assignment, Function
 from shadelab.course.bodies import Node, Statement, parse
@@ -49,9 +50,10 @@ class Scope:
     types: dict[str, str]  # of arguments; of locals once they are declared
     members: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # struct -> member -> type
     functions: Mapping[str, Function] = field(default_factory=dict)  # those that it may call
-
+    contract: str = ""  # the comment above the function: the names that it uses are everybody's
     @classmethod
-    def of(cls, assignment: Assignment, function: Function) -> "Scope":
+    def of(cls, assignment: Assignment, function: Function, text: str = "") -> "Scope":
+        """`text`: of the solution, for the contract."""
         types = {v.name: v.domain.type for v in function.values}
         members = {name: {v.name: v.domain.type for v in s.values} for name, s in assignment.structs.items()}
         before = [f for given in assignment.given for f in given.functions]
@@ -59,7 +61,8 @@ class Scope:
             if one.name == function.name:
                 break
             before.append(one)
-        return cls(types, members, {f.name: f for f in before})
+        above = re.search(rf"((?://.*\n)+)\w+ {function.name}\(", text)
+        return cls(types, members, {f.name: f for f in before}, above[1] if above else "")
 
 
 def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant]:
@@ -87,6 +90,11 @@ class _Breeder:
         self.statements = parse(body, tuple(scope.members))
 
     def changes(self) -> Iterator[_Change]:
+        without = re.sub(r"\b(\w+) \* \1\b(?! \*)", r"\1", self.body)
+        if without != self.body:
+            yield _Change("no squares", 0, len(self.body), without, 0, "without the squares", True)
+            absolute = re.sub(r"\b(\w+) \* \1\b(?! \*)", r"abs(\1)", self.body)
+            yield _Change("abs for squares", 0, len(self.body), absolute, 0, "with absolute values in the place of squares", True)
         for top in self.statements:
             for statement in top.all():
                 yield from self._of_statement(statement)
@@ -107,7 +115,9 @@ class _Breeder:
             if node.name in self.scope.types:
                 return node.name
             meaning = self.meanings.get(node.name)
-            return self._words(meaning) if meaning else ""
+            words = self._words(meaning) if meaning else ""
+            known = len(node.name) > 1 and re.search(rf"\b{node.name}\b", self.scope.contract)
+            return words or (node.name if known else "")
         if node.kind == "member":
             of = self._words(node.parts[0])
             return f"{of}.{node.name}" if of and re.fullmatch(r"[\w.]+", of) else ""
@@ -118,7 +128,18 @@ class _Breeder:
             return f"-{inner}" if inner else ""
         if node.kind == "call":
             return self._words_of_call(node)
+        if node.kind == "binary" and node.name in ("*", "+", "-"):
+            return self._words_of_few(node)
         return ""
+
+    def _words_of_few(self, node: Node) -> str:
+        """Two quantities that belong together: ior^2, (1 - c). More would be a line."""
+        one, other = (self._words(part) for part in node.parts)
+        if not one or not other or len(one + other) > 16 or "(" in one + other or " " in one + other:
+            return ""
+        if node.name == "*":
+            return f"{one}^2" if one == other else f"{one} {other}"
+        return f"({one} {node.name} {other})"
 
     def _words_of_call(self, node: Node) -> str:
         arguments = [self._words(part) for part in node.parts]
@@ -333,10 +354,21 @@ class _Breeder:
                     f"{node.name}({', '.join(swapped)})", node.start, said,
                 )  # fmt: skip
         yield from self._clamps(node, texts, words)
+        if node.name == "dot":
+            yield from self._other_dots(node)
         if node.name == "dot" and (said := self._words(node)):
             yield self._slip("clamp put in", node, f"max({self._text(node)}, 0.0)", f"with {said} clamped at 0 in one place")
             yield self._slip("abs put in", node, f"abs({self._text(node)})", f"with the absolute value of {said} in one place")
         yield from self._other_calls(node, texts, words)
+
+    def _other_dots(self, node: Node) -> Iterator[_Change]:
+        """The cosine of another pair of directions."""
+        mine = self._words(node)
+        known = {name: self._words(Node("name", 0, 0, name)) for name, type in self.types.items() if type == "vec3"}
+        for one, other in combinations([name for name, words in known.items() if words], 2):
+            theirs = _dot(known[one], known[other])
+            if mine and theirs != mine:
+                yield self._slip(f"{theirs} for {mine}", node, f"dot({one}, {other})", f"with {theirs} in the place of {mine}")
 
     def _instead(self, node: Node, number: int, words: list[str]) -> str:
         """Without this call."""
@@ -347,7 +379,7 @@ class _Breeder:
         if number == 0 and node.name == "pow":
             return f"without the power {words[1]}" if words[1] else "without the power"
         if node.name == "min" and len(words) == 2:
-            return "without the limit of 1" if words[1 - number] == "1" else "without the smaller one of two"
+            return "without the limit of 1" if words[1 - number] == "1" else "with one of the two of which the smaller is taken"
         return ""
 
     def _in_call(self, node: Node) -> str:
@@ -375,6 +407,11 @@ class _Breeder:
             yield self._slip(f"{sister} for {node.name}", node, f"{sister}({', '.join(texts)})", f"with {sister} in the place of {node.name}")
         if node.name == "pow" and len(texts) == 2:
             yield self._slip("product for power", node, f"(({texts[0]}) * ({texts[1]}))", "with a product in the place of a power")
+            base = node.parts[0]
+            if base.kind == "binary" and base.name in ("+", "-"):
+                a, b = (self._text(part) for part in base.parts)
+                said = f"with the power taken of {self._words(base.parts[1]) or 'one term'} alone"
+                yield self._slip("power of one term", node, f"({a} {base.name} pow({b}, {texts[1]}))", said)
         if node.name == "normalize":
             return
         called = self.scope.functions.get(node.name)

@@ -11,8 +11,9 @@ import numpy as np
 
 from shadelab.course.assignment import Function
 from shadelab.judge.functions import FunctionJudgement
-from shadelab.judge.places import Place, place_of
+from shadelab.judge.places import Place, part_of, place_of
 from shadelab.judge.relations import (
+    FACTOR_OF,
     MARGIN,
     UNEXPLAINED,
     Candidate,
@@ -23,6 +24,7 @@ from shadelab.judge.relations import (
     of_members,
     of_quantities,
     of_result,
+    of_results,
 )
 from shadelab.result import Mistake
 from shadelab.truth.expected import Expected
@@ -34,6 +36,8 @@ UNDECLARED = "undeclared"  # id of a mistake that was found by searching
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
 MOSTLY = 0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
 HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
+TELLS = 1e-3  # of a member's scale: what is smaller is right whatever one does
+SAMPLE = 300  # rows of each kind on which relations are looked for
 FEWEST = 8  # wrong rows among those of which everything is known
 
 
@@ -221,10 +225,14 @@ class _Search:
         """The plainest of those that explain it; None when none does, or when it could be anything."""
         everywhere = self._compared(members, self.everything)
         found = _accepted(self._same_there(everywhere, wrong), everywhere)
-        found += _accepted(self._of_truth(everywhere), everywhere)
+        sample = self._compared(members, self._sample(wrong))
+        found += _accepted(self._of_truth(sample), sample)
         if self.changed:
-            narrow = [c for c in self.changed if c.everywhere]
-            found += _accepted(_as_they_are(everywhere, narrow, [self._values(c, self.everything) for c in narrow]), everywhere)
+            narrow = [c for c in self.changed if c.everywhere and len(c.rows) > 0.5 * wrong.sum()]
+            values = [self._values(c, sample.rows) for c in narrow]
+            for likely in _accepted(_as_they_are(sample, narrow, values), sample):
+                whole = self._values(likely.candidate, self.everything)
+                found += _accepted(_as_they_are(everywhere, [likely.candidate], [whole]), everywhere)
             compared = self._compared(members, self.some)
             if compared.wrong.sum() >= FEWEST:
                 values = [self._values(c, self.some) for c in self.changed]
@@ -234,11 +242,17 @@ class _Search:
                 found += here
         return _plainest(found)
 
+    def _sample(self, wrong: np.ndarray) -> np.ndarray:
+        """Rows that stand for all: of the wrong ones and of the right ones at most SAMPLE, in their proportion where both are many."""
+        rng = np.random.default_rng(len(wrong))
+        bad, good = rng.permutation(np.flatnonzero(wrong)), rng.permutation(np.flatnonzero(~wrong))
+        return np.sort(np.concatenate([bad[:SAMPLE], good[:SAMPLE]]))
+
     def _same_there(self, compared: Comparison, wrong: np.ndarray) -> Iterator[Explanation]:
         """One and the same on a condition: what a gate gives that should not be there."""
         columns = [k for m in compared.members for k in range(m.start, m.stop)]
         came = np.unique(self.actual[wrong][:, columns], axis=0)
-        if len(came) == 1 and (place := self._place(wrong)):
+        if len(came) == 1 and (place := self._place(wrong, compared.members)):
             values = compared.truth.copy()
             values[np.ix_(place.rows, columns)] = came[0]
             yield _explanation(compared, f"{_vector(came[0])} where {place}", values, 0)
@@ -253,8 +267,9 @@ class _Search:
         for words, values, plain in of_directions(compared):
             yield _explanation(compared, words, values, plain)
         for words, values, plain in of_quantities(compared):
-            yield _explanation(compared, f"what is expected {words}", values, plain)
-        for words, values, plain in of_curve(compared):
+            said = words.removeprefix("ONLY ") if words.startswith("ONLY ") else f"what is expected {words}"
+            yield _explanation(compared, said.replace(" ,", ","), values, plain)
+        for words, values, plain in of_curve(compared) if len(compared.members) == 1 else ():
             yield _explanation(compared, words, values, plain)
         columns = [k for m in compared.members for k in range(m.start, m.stop)]
         came = compared.actual[:, columns]
@@ -277,27 +292,32 @@ class _Search:
     def _largest_part(self, members: list[slice], left: np.ndarray, wrong: np.ndarray) -> Explanation | None:
         """What explains most of what is left, on rows that one condition describes; or that condition alone."""
         enough = max(3, PART * wrong.sum())
-        here, rows = self._compared(members, self.everything), np.flatnonzero(left)
+        rows, everywhere = np.flatnonzero(left), self._compared(members, self.everything)
         offers = []
         for c in self.changed:
-            if c.everywhere:
-                values = self._values(c, self.everything)
-                explained, differs = here.explained(values), ~here.as_if(values).explained(here.truth)
-                if (explained & differs).sum() > MOSTLY * differs.sum():  # else the student is right where this is not
+            if c.everywhere and len(c.rows) >= enough:
+                at = c.rows.astype(int)  # where it differs from the truth
+                here = everywhere.on(at)
+                rows_explained = here.explained(c.output.astype(np.float64))
+                if rows_explained.mean() > MOSTLY:  # else the student is right where this is not
+                    explained = np.zeros(len(self.actual), bool)
+                    explained[at] = rows_explained
                     offers.append(Explanation(f"those of the reference {c.words}", explained & left, 0, c))
-        place = self._place(left)
+        place = self._place(left, members)
         if place is not None and left.sum() >= enough:
-            inside = self._compared(members, np.flatnonzero(left & place.rows))
+            inside = self._compared(members, np.flatnonzero(left & place.rows)[:SAMPLE])
             for e in self._of_truth(inside):
                 if e.explained.mean() > 1 - UNEXPLAINED:
-                    explained = np.zeros(len(self.actual), bool)
-                    explained[np.flatnonzero(left & place.rows)] = e.explained
-                    offers.append(Explanation(f"{e.words}, where {place}", explained, 0, plain=e.plain))
-        for e in self._of_truth(self._compared(members, rows)) if place is None else ():
-            explained = np.zeros(len(self.actual), bool)
-            explained[rows] = e.explained
-            if own := self._place(explained):
-                offers.append(Explanation(f"{e.words}, where {own}", explained, 0, plain=e.plain))
+                    offers.append(Explanation(f"{e.words}, where {place}", left & place.rows, 0, plain=e.plain))
+        for e in self._of_truth(self._compared(members, rows[:SAMPLE])) if place is None else ():
+            if e.explained.mean() > 0.3:
+                explained = np.zeros(len(self.actual), bool)
+                explained[rows[:SAMPLE]] = e.explained
+                table = self.judgement.table
+                if e.explained.mean() > 0.95:
+                    offers.append(Explanation(f"{e.words}, where it is wrong", left.copy(), 0, plain=e.plain))
+                elif own := place_of(self.function, table.rows, table.truth, explained, explained | ~left):
+                    offers.append(Explanation(f"{e.words}, where {own}", left & own.rows, 0, plain=e.plain))
         offers = [e for e in offers if (e.explained & left).sum() >= enough]
         if offers:
             most = max((e.explained & left).sum() for e in offers)
@@ -306,6 +326,11 @@ class _Search:
             return best
         if place and left.mean() < HALF:
             return Explanation(f"wrong where {place}{self._inside(members, place, left)}", left & place.rows, 0, margin=float(left.sum()))
+        table = self.judgement.table
+        part = part_of(self.function, table.rows, table.truth, left, self._tells(left, members))
+        if part and left.mean() < HALF and (left & part.rows).sum() >= 0.2 * wrong.sum():
+            said = f"wrong where {part}{self._inside(members, part, left)}"
+            return Explanation(said, left & part.rows, 0, margin=float((left & part.rows).sum()))
         return None
 
     def _inside(self, members: list[slice], place: Place, wrong: np.ndarray) -> str:
@@ -317,10 +342,18 @@ class _Search:
             return ", and not finite there"
         return ", and not 0 there" if (truth == 0).all() else ""
 
-    def _place(self, wrong: np.ndarray) -> Place | None:
+    def _place(self, wrong: np.ndarray, members: list[slice]) -> Place | None:
         """Beside the rows that are right."""
         table = self.judgement.table
-        return place_of(self.function, table.rows, table.truth, wrong, wrong | ~self.wrong)
+        return place_of(self.function, table.rows, table.truth, wrong, self._tells(wrong, members))
+
+    def _tells(self, wrong: np.ndarray, members: list[slice]) -> np.ndarray:
+        """The rows that tell something about where it is wrong: those that are, and those that are right though not by being
+        nearly 0, as most of a narrow lobe is whatever one does."""
+        columns = [k for m in members for k in range(m.start, m.stop)]
+        truth = np.nan_to_num(np.abs(self.judgement.table.truth[:, columns]))
+        size = truth / np.maximum(np.percentile(truth, 95, axis=0), 1e-30)
+        return wrong | (~self.wrong & (size > TELLS).any(axis=1))
 
     def _compared(self, members: list[slice], rows: np.ndarray) -> Comparison:
         return Comparison(self.function, self.judgement.table, self.actual, members, self.limit, rows)
@@ -350,16 +383,15 @@ def _as_they_are(compared: Comparison, known: list[Candidate], values: list[np.n
 
 
 def _with_something(compared: Comparison, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
-    """What happens to the result, too; tried on a few rows first."""
+    """What happens to the result, too; of all at once on a few rows first."""
     order = np.argsort(~compared.wrong, kind="stable")[:SKETCH]
     sketch = compared.on(order)
-    for c, output in zip(known, values):
-        for words, changed, _ in of_result(sketch, output[order], plain=False):
-            if sketch.explained(changed).mean() > 0.8:
-                for whole_words, whole, plain in of_result(compared, output, plain=False):
-                    if whole_words == words:
-                        said = f"{words} {_times(words)}those of the reference {c.words}"
-                        yield _explanation(compared, said, whole, 3 + plain, c)
+    for words, changed in of_results(sketch, np.array(values)[:, order]):
+        for k in np.flatnonzero(sketch.explained(changed).mean(axis=1) > 0.8):
+            for whole_words, whole, plain in of_result(compared, values[k], plain=False):
+                if whole_words == words or words == FACTOR_OF:
+                    said = f"{whole_words} {_times(whole_words)}those of the reference {known[k].words}"
+                    yield _explanation(compared, said, whole, 3 + plain, known[k])
 
 
 def _accepted(offers: Iterator[Explanation], compared: Comparison) -> list[Explanation]:

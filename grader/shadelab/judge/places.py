@@ -13,7 +13,8 @@ from shadelab.course.assignment import Function, named_arrays
 # leaves out is allowed to be wrong by the same token), and when at least DENSE of the rows that it holds for are wrong: where the
 # right answer is 0 a wrong function may be right by chance.
 STRAY = 0.01
-DENSE = 0.4
+DENSE = 0.5
+PART_DENSE = 0.8  # of a condition for a part of the wrong rows
 FEW = 3  # wrong rows describe nothing below it
 EXPECTED = "the expected "
 SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
@@ -116,6 +117,28 @@ def place_of(
             if best is None or (badness + plain, rank) < best[:2]:
                 best = (badness + plain, rank, place)
     return best[2] if best else None
+
+
+def part_of(function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray) -> Place | None:
+    """The condition, below or above a threshold, that holds for as many of the wrong rows as possible and for few others."""
+    best: tuple[int, Place] | None = None
+    for name, values in quantities(function, rows, truth).items():
+        if name.startswith(EXPECTED) or not np.isfinite(values[whole]).all():
+            continue
+        for sign in (1, -1):
+            order = np.flatnonzero(whole)[np.argsort(sign * values[whole], kind="stable")]
+            bad = wrong[order]
+            dense = np.cumsum(bad) >= PART_DENSE * np.arange(1, len(bad) + 1)
+            if not dense.any() or (last := int(np.flatnonzero(dense & bad)[-1]) if (dense & bad).any() else -1) < FEW:
+                continue
+            inside, beyond = values[order[last]], values[order[min(last + 1, len(order) - 1)]]
+            threshold = _between(*sorted((inside, beyond)))
+            held = values <= threshold if sign == 1 else values >= threshold
+            count = int((held & wrong).sum())
+            if (held & whole).sum() < 0.97 * whole.sum() and (best is None or count > best[0]):
+                comparison = ("<" if inside < threshold else "<=") if sign == 1 else (">" if inside > threshold else ">=")
+                best = (count, Place(f"{name} {comparison} {_number(threshold)}", held))
+    return best[1] if best else None
 
 
 def _conditions(name: str, values: np.ndarray, wrong: np.ndarray, whole: np.ndarray) -> Iterator[Place]:

@@ -32,7 +32,8 @@ CONSTANTS = {
     **{f"{k:g}": k for k in (-1.0, 2.0, 3.0, 4.0, 5.0, 8.0, 10.0, 0.5, 0.25, 0.125, 0.1, -2.0, -0.5)},
 }  # fmt: skip
 CHANCE = 4  # parameters of a fit cost so many rows
-FITTED = 400  # numbers that a factor is fitted to
+TRUTH = "what is expected"
+FITTED = 900  # numbers that a factor is fitted to
 MONOMIALS = (1, -1, 2, -2, 0.5, -0.5, 3, -3, 4, -4, 5, -5)
 
 
@@ -72,8 +73,7 @@ class Comparison:
         self.truth, self.actual = table.truth[rows], actual[rows].astype(np.float64)
         self.conditioning, self.inputs = FACTOR * table.conditioning[rows], table.rows[rows]
         # What is small is judged absolutely, by the truth's own scale over the whole table: a wild hypothesis excuses nothing.
-        finite = np.where(np.isfinite(table.truth), np.abs(table.truth), 0.0)
-        self.scales = {m.start: float(np.percentile(finite[:, m], 95)) for m in members}
+        self.scales = {m.start: table.scales[m.start] for m in members}
         self.tolerance = max(ALIKE, limit)
         with np.errstate(all="ignore"):
             size = np.abs(self.truth) + SMALL * max(self.scales.values())
@@ -122,7 +122,8 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
     use = np.zeros(a.shape, bool)
     with np.errstate(all="ignore"):
         size = np.abs(output)
-        scale = np.nanpercentile(np.where(np.isfinite(size), size, np.nan)[:, columns], 95)
+        finite = size[:, columns][np.isfinite(size[:, columns])]
+        scale = np.percentile(finite, 95) if finite.size else 1.0
         use[:, columns] = (np.isfinite(a) & np.isfinite(output) & (size > 0.02 * scale))[:, columns]
         if use.sum() < 3:
             return
@@ -160,6 +161,33 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
             offset = float(np.median((a - output)[:, columns][np.isfinite((a - output)[:, columns])]))
             if abs(offset) > 1e-12:
                 yield f"{offset:.4g} more than", output + offset, 3
+
+
+FACTOR_OF = "a factor"
+
+
+def of_results(compared: Comparison, outputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """The like of many hypotheses at once, (C, K, results): the words of of_result, or FACTOR_OF, and the values."""
+    columns = _columns(compared.members)
+    with np.errstate(all="ignore"):
+        size = np.abs(outputs[..., columns])
+        large = np.isfinite(size) & (size > 0.02 * np.max(np.where(np.isfinite(size), size, 0), axis=(1, 2), keepdims=True))
+        ratio = np.where(large, compared.actual[:, columns] / outputs[..., columns], np.nan).reshape(len(outputs), -1)
+        ratio.sort(axis=1)  # what is left out comes last
+        counts = np.isfinite(ratio).sum(axis=1)
+        factor = ratio[np.arange(len(outputs)), np.maximum(counts - 1, 0) // 2]
+        yield FACTOR_OF, outputs * factor[:, None, None]
+        yield "the square of", outputs * np.abs(outputs)
+        yield "the square root of", np.sqrt(np.abs(outputs))
+        yield "1 minus", 1 - outputs
+        yield "the absolute value of", np.abs(outputs)
+        yield "the clamped (to 0 .. 1)", np.clip(outputs, 0, 1)
+        yield "the clamped (at 0)", np.maximum(outputs, 0)
+        if all(m.stop - m.start == 3 for m in compared.members) and len(compared.members) == 1:
+            length = np.linalg.norm(outputs[..., columns], axis=-1, keepdims=True)
+            normalised = outputs.copy()
+            normalised[..., columns] = outputs[..., columns] / length
+            yield "the normalised", normalised
 
 
 def _power(p: float) -> str:
@@ -224,10 +252,12 @@ def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
                 continue
             values, vectors = np.linalg.svd(columns, full_matrices=False)[1:]
             c = vectors[-1]
-            if values[-1] > 1e-3 * np.sqrt(use.sum()):
+            if not np.isfinite(c).all() or values[-1] > 1e-3 * np.sqrt(use.sum()):
                 continue
             pointing = sum(k * basis[n] for k, n in zip(c, names))
             sign = np.sign(np.median(np.sum(pointing[use] * unit, axis=1)))
+            if sign == 0:
+                continue
             c, pointing = sign * c, sign * pointing
             smallest = np.abs(c)[np.abs(c) > 0.02 * np.abs(c).max()].min()
             said = _combination({n: k / smallest for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()})
@@ -284,7 +314,12 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
         spread = {n: np.repeat(x[:, None], len(columns), axis=1) for n, x in known.items()}
         tiled = {n: np.tile(x, (1, len(columns) // 3)) for n, x in by_channel.items()}
         everything = spread | tiled
-        usable = np.isfinite(came) & np.isfinite(truth) & (np.abs(truth) > 1e-4 * np.nanpercentile(np.abs(truth), 95))
+        finite = np.isfinite(came) & np.isfinite(truth)
+        if finite.sum() < 12:
+            return
+        usable = finite & (np.abs(truth) > 1e-4 * np.percentile(np.abs(truth[finite]), 95))
+        if usable.sum() < 12:
+            usable = finite & (came != 0)
         if usable.sum() < 12:
             return
         ratio = came / truth
@@ -302,14 +337,21 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
 
         if found := _monomial(r, flat, compared.tolerance):
             powers, constant = found
-            factor = constant * np.prod([everything[n] ** p for n, p in powers.items()], axis=0)
+            factor = constant * _raised_product(everything, powers)
             yield _product(powers, constant, compared.tolerance), values(factor), 2
+        own = came.ravel()[chosen]
+        if (own > 0).mean() > 0.95 and (found := _monomial(own, flat | {TRUTH: np.abs(truth.ravel()[chosen])}, compared.tolerance)):
+            powers, constant = found
+            out = compared.truth.copy()
+            product = constant * _raised_product(everything | {TRUTH: np.abs(truth)}, powers)
+            out[:, columns] = np.where((truth == 0) & (came == 0), 0.0, product)
+            yield f"ONLY {_product(powers, constant, compared.tolerance).removeprefix('times ')}", out, 3
         for inverse in (1, -1):
             excess = r**inverse - 1
             if found := _monomial(np.abs(excess), flat, 20 * compared.tolerance):
                 powers, constant = found
                 constant *= np.sign(np.median(excess))
-                factor = (1 + constant * np.prod([everything[n] ** p for n, p in powers.items()], axis=0)) ** inverse
+                factor = (1 + constant * _raised_product(everything, powers)) ** inverse
                 said = _product(powers, abs(constant), compared.tolerance).removeprefix("times ")
                 verb, sign = ("times" if inverse == 1 else "divided by"), "+" if constant > 0 else "-"
                 if inverse == -1 and all(p < 0 for p in powers.values()):
@@ -335,7 +377,7 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
                 low, high = x[order][len(x) // 20], x[order][-len(x) // 20 - 1]
                 at = " and ".join(f"{np.interp(k, x[order], r[order]):.3g} at {name} = {k:.3g}" for k in (low, high))
                 yield f"times a factor that depends on {name} alone: {at}", np.where(
-                    np.abs(values(inside) - compared.actual) < 0.05 * np.abs(compared.actual), compared.actual, values(inside)
+                    np.abs(values(inside) - compared.actual) < 0.1 * np.abs(compared.actual), compared.actual, values(inside)
                 ), 5
 
 
@@ -348,13 +390,14 @@ def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
         return
     order = np.flatnonzero(use)[np.argsort(truth[use], kind="stable")]
     x, y = truth[order], came[order]
-    ramp = (np.abs(y - x) > compared.tolerance * np.ptp(x)) & np.append(np.diff(x) > 0, True)
+    ramp = np.abs(y - x) > compared.tolerance * (np.abs(x) + SMALL * np.ptp(x))
     if ramp.sum() < 30:
         return
-    bends = np.abs(y[1:-1] - (y[:-2] + y[2:]) / 2)  # a curve through its neighbours
-    if np.mean(bends < 2e-3 * np.ptp(y) + np.abs(y[2:] - y[:-2])) < 0.97 or np.mean(bends[ramp[1:-1]] < 5e-3 * np.ptp(y)) < 0.9:
+    x, y = x[ramp], y[ramp]
+    bends = np.abs(y[1:-1] - (y[:-2] + y[2:]) / 2)  # a curve goes through the middle of its neighbours
+    if np.mean(bends < 0.02 * np.abs(y[1:-1]) + 1e-3 * np.ptp(y)) < 0.95 or np.corrcoef(np.argsort(np.argsort(x)), y)[0, 1] ** 2 < 0.1:
         return
-    at = [np.percentile(x[ramp], k) for k in (10, 50, 90)]
+    at = [np.percentile(x, k) for k in (10, 50, 90)]
     said = ", ".join(f"{np.interp(k, x, y):.3g} where it is {k:.3g}" for k in at)
     through = np.interp(compared.truth[:, columns], x, y)
     near = np.abs(through - compared.actual[:, columns]) < 0.02 * np.ptp(y)
@@ -370,30 +413,43 @@ def _monomial(ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float)
     y = np.log(np.abs(ratio))
     logs = {n: np.log(x) for n, x in known.items()}
     logs = {n: x for n, x in logs.items() if np.isfinite(x).mean() > 0.95 and np.nanstd(x) > 0.02}
-    if np.ptp(y[np.isfinite(y)]) < 10 * tolerance if np.isfinite(y).any() else True:
+    if not np.isfinite(y).any() or np.ptp(y[np.isfinite(y)]) < 10 * tolerance:
         return None
-    names = list(logs)
+    names = [n for n, x in logs.items() if np.isfinite(x).mean() > 0.99] if len(logs) > 40 else list(logs)
+    use = np.isfinite(y) & np.all([np.isfinite(logs[n]) for n in names], axis=0) if names else np.zeros(len(y), bool)
+    if use.sum() < 12:
+        return None
+    x = np.stack([logs[n][use] for n in names], axis=1)
+    x, mine = x - x.mean(axis=0), y[use] - y[use].mean()
+    gram, with_y, whole = x.T @ x, x.T @ mine, float(mine @ mine)
+    groups = [((k,), with_y[k] ** 2 / gram[k, k]) for k in range(len(names))]
+    for i, j in combinations(range(len(names)), 2):
+        det = gram[i, i] * gram[j, j] - gram[i, j] ** 2
+        if det > 1e-6 * gram[i, i] * gram[j, j]:
+            p, q = (with_y[i] * gram[j, j] - with_y[j] * gram[i, j]) / det, (with_y[j] * gram[i, i] - with_y[i] * gram[i, j]) / det
+            groups.append(((i, j), p * with_y[i] + q * with_y[j]))
     best = None
-    for group in [*((n,) for n in names), *combinations(names[:24], 2)]:
-        if best is not None and best[0] > 0.97 and len(group) > len(best[1]):
-            break
-        use = np.isfinite(y) & np.all([np.isfinite(logs[n]) for n in group], axis=0)
-        if use.sum() < 12:
-            continue
-        a = np.column_stack([*[logs[n][use] for n in group], np.ones(use.sum())])
-        try:
-            solution = np.linalg.solve(a.T @ a, a.T @ y[use])
-        except np.linalg.LinAlgError:
-            continue
-        powers = [min(MONOMIALS, key=lambda p: abs(p - s)) for s in solution[:-1]]
-        if max(abs(p - s) for p, s in zip(powers, solution)) > 0.3:
-            continue
-        rest = y[use] - sum(p * logs[n][use] for p, n in zip(powers, group))
-        constant = float(np.median(rest))
-        share = float((np.abs(rest - constant) <= 3 * tolerance).mean())
-        if share > 0.9 and (best is None or share > best[0]):
-            best = (share, dict(zip(group, powers)), float(np.exp(constant)))
-    return best[1:] if best else None
+    # One quantity before two; of those that leave least, the few best are tried with the powers that people write.
+    for size in (1, 2):
+        for group, _ in sorted((g for g in groups if len(g[0]) == size), key=lambda g: -g[1])[:6]:
+            chosen = list(group)
+            solution = np.linalg.lstsq(x[:, chosen], mine, rcond=None)[0]
+            powers = [min(MONOMIALS, key=lambda p: abs(p - s)) for s in solution]
+            if max(abs(p - s) for p, s in zip(powers, solution)) > 0.3:
+                continue
+            rest = y[use] - sum(p * logs[names[k]][use] for p, k in zip(powers, chosen))
+            constant = float(np.median(rest))
+            share = float((np.abs(rest - constant) <= 3 * tolerance).mean())
+            if share > 0.9 and (best is None or share > best[0] + 0.02):
+                best = (share, {names[k]: p for k, p in zip(chosen, powers)}, float(np.exp(constant)))
+        if best is not None:
+            return best[1:]
+    return None
+
+
+def _raised_product(known: dict[str, np.ndarray], powers: dict[str, float]) -> np.ndarray:
+    """Of quantities that are negative in places, a power is one of the clamped quantity."""
+    return np.prod([np.maximum(known[n], 0.0) ** p for n, p in powers.items()], axis=0)
 
 
 def _product(powers: dict[str, float], constant: float, tolerance: float) -> str:

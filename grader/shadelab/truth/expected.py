@@ -54,6 +54,11 @@ class Table:
     conditioning: np.ndarray  # as truth: how far rounding of the inputs alone moves it
     drawn: int
 
+    @cached_property
+    def scales(self) -> list[float]:
+        """The 95th percentile of |truth| of each column."""
+        return np.percentile(np.where(np.isfinite(self.truth), np.abs(self.truth), 0.0), 95, axis=0).tolist()
+
 
 @dataclass(frozen=True)
 class Hypothesis:

@@ -143,6 +143,7 @@ class _ChangedReferences:
         self.file = assignment.directory / "shading.cpp"
         self.text = self.file.read_text()
         self.marked = regions(self.text, self.file)
+        self.reaching: set[str] = set()  # bodies of which callers are asked, too: what they may do over again by themselves
         bred = dict(enumerate(self._bred(), 1))
         folder = workshop.work / "changed"
         folder.mkdir()
@@ -163,14 +164,15 @@ class _ChangedReferences:
         for function in assignment.functions:
             if function.name not in self.marked:
                 continue
-            scope = Scope.of(assignment, function)
+            scope = Scope.of(assignment, function, self.text)
             bodies = [self.marked[function.name]["body"]]
             bodies += [v.bodies_for("cpp").get(function.name, "") for v in load_changes(assignment).variant]
             plain = [body for body in bodies if body and not re.search(r"\b(for|while)\b", body)]
-            for body in plain[:BODIES]:
+            for number, body in enumerate(plain[:BODIES]):
                 for mutant in mutants(function.name, body, scope):
                     if mutant.words:
                         out.setdefault((function.name, mutant.body), mutant)
+                        self.reaching |= {mutant.body} if number == 0 else set()
         # Constants last: of two that give the same numbers the first is told, and "4 for 5" tells least.
         return sorted(out.values(), key=lambda mutant: "constant" in mutant.words)
 
@@ -189,6 +191,9 @@ class _ChangedReferences:
     def of(self, function: Function, calls: dict[str, list[str]]) -> list[tuple[int, Mutant]]:
         """Those that may change what this function gives, its own first."""
         reach = [
-            (number, mutant) for number, mutant in self.mutants.items() if function.name in with_callers({mutant.function}, calls)
+            (number, mutant)
+            for number, mutant in self.mutants.items()
+            if mutant.function == function.name
+            or (mutant.body in self.reaching and function.name in with_callers({mutant.function}, calls))
         ]
         return sorted(reach, key=lambda item: item[1].function != function.name)

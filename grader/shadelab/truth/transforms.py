@@ -21,9 +21,10 @@ _scalars: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     ("the whole part of {}", np.floor), ("{} rounded", np.round), ("{} rounded up", np.ceil), ("{} clamped to 0 .. 1", lambda s: np.clip(s, 0, 1)),
     ("the cosine of {}", np.cos), ("the sine of {}", np.sin), ("the tangent of {}", np.tan), ("the arc cosine of {}", lambda s: np.arccos(np.clip(s, -1, 1))),
     ("{} cubed", lambda s: s**3), ("{} + 1e-3", lambda s: s + 1e-3), ("{} + 1e-4", lambda s: s + 1e-4), ("2 - {}", lambda s: 2 - s),
+    ("((1 - {0}) / (1 + {0}))^2", lambda s: ((1 - s) / (1 + s)) ** 2),
 ]  # fmt: skip
 _colours: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
-    ("1 - {}", lambda c: 1 - c), ("{} squared", lambda c: c * c), ("the square root of {}", lambda c: np.sqrt(np.abs(c))),
+    ("1 - {}", lambda c: 1 - c), ("{} squared", lambda c: c * c), ("((1 - {0}) / (1 + {0}))^2", lambda c: ((1 - c) / (1 + c)) ** 2), ("the square root of {}", lambda c: np.sqrt(np.abs(c))),
     ("half of {}", lambda c: c / 2), ("twice {}", lambda c: 2 * c), ("the first channel of {} for all", lambda c: c[:, [0, 0, 0]]),
     ("the second channel of {} for all", lambda c: c[:, [1, 1, 1]]), ("the third channel of {} for all", lambda c: c[:, [2, 2, 2]]),
     ("the mean of {}'s channels for all", lambda c: np.repeat(c.mean(axis=1, keepdims=True), 3, axis=1)),
