@@ -5,10 +5,11 @@ import shlex
 import numpy as np
 
 from conftest import ROOT
-from shadelab.course.assignment import load_assignment
+from shadelab.course.assignment import Column, Domain, Function, load_assignment
 from shadelab.course.mistakes import load_changes
-from shadelab.judge.diagnosis import MARGIN, Candidate, diagnose
+from shadelab.judge.diagnosis import diagnose
 from shadelab.judge.functions import FunctionJudgement
+from shadelab.judge.relations import MARGIN, Candidate
 from shadelab.result import Check
 from shadelab.truth.expected import Table
 from shadelab.truth.measures import function_limit, scaled_error
@@ -21,9 +22,14 @@ MEMBERS = [slice(0, 1)]
 LIMIT = function_limit(0.0, "cpp")
 
 
-def off(factor, rows=slice(None)):
+FUNCTION = Function("f", [], "Real", [], [Column("result", 0, 1, Domain())], points=1)
+
+
+def off(kind, rows=slice(None)):
+    """Off by a factor of each row's own, so that no relation explains it."""
+    factors = np.random.default_rng(kind).uniform(1.5, 3, TRUTH.shape)
     out = TRUTH.copy()
-    out[rows] *= factor
+    out[rows] *= factors[rows]
     return out
 
 
@@ -37,14 +43,14 @@ def found(actual, *known):
         id="cpp/function/f", kind="function", backend="cpp", status="failed", score=0, max_score=1, message="wrong"
     )
     judgement = FunctionJudgement(check=check, table=TABLE, followed=False, wrong=wrong)
-    return diagnose(judgement, actual, LIMIT, list(known), MEMBERS)
+    return diagnose(judgement, FUNCTION, actual, LIMIT, list(known), [], MEMBERS)
 
 
 def test_the_nearest_is_named_with_its_margin():
     rounded = off(2) * (1 + 2e-4)  # the same mistake in other words rounds differently
     diagnosis = found(rounded, candidate("thrice", off(3)), candidate("twice", off(2)))
     assert diagnosis.mistake.id == "twice" and diagnosis.mistake.hint == "hint of twice"
-    assert diagnosis.mistake.margin == ROWS + 1 and diagnosis.mistake.alike == [] and diagnosis.other is None
+    assert diagnosis.mistake.margin == ROWS + 1 and diagnosis.mistake.alike == [] and not diagnosis.others
 
 
 def test_the_margin_counts_what_the_next_best_leaves_unexplained():
@@ -78,7 +84,7 @@ def test_two_mistakes_on_inputs_of_their_own_are_both_named():
     both = off(2, slice(0, 200))
     both[500:600] = off(3)[500:600]
     diagnosis = found(both, gate, power, candidate("unlike", off(5)))
-    assert {diagnosis.mistake.id, diagnosis.other.id} == {"gate", "power"}
+    assert {f"hint of {diagnosis.mistake.id}", *diagnosis.others} == {"hint of gate", "hint of power"}
 
 
 def test_the_callees_mistake_comes_first_of_two():
@@ -88,7 +94,7 @@ def test_the_callees_mistake_comes_first_of_two():
     both = off(2, slice(0, 200))
     both[500:600] = off(3)[500:600]
     diagnosis = found(both, own, callees)
-    assert (diagnosis.mistake.id, diagnosis.other.id) == ("callee's", "own")
+    assert (diagnosis.mistake.id, diagnosis.others) == ("callee's", ["hint of own"])
 
 
 def test_noise_is_nobodys_mistake():

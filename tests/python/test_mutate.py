@@ -6,8 +6,9 @@ import pytest
 
 from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.bodies import tokens
 from shadelab.course.mistakes import load_changes, regions
-from shadelab.prove.mutants import mutants, tokens
+from shadelab.course.mutants import mutants
 
 BODY = """\
     // Clamped: a - b * 2.0, as max(a, b) says.

@@ -6,7 +6,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-_token = re.compile(r"//[^\n]*|\d+\.\d*(?:e[+-]?\d+)?f?|\d+|[A-Za-z_]\w*|<=|>=|==|!=|&&|\|\||[-+*/]=|\+\+|--|.", re.DOTALL)
+_token = re.compile(
+    r"//[^\n]*|\d+\.\d*(?:e[+-]?\d+)?f?|\d+|[A-Za-z_]\w*|<=|>=|==|!=|&&|\|\||[-+*/]=|\+\+|--|.", re.DOTALL
+)
 TYPES = ("Real", "int", "bool", "vec2", "vec3", "vec4")
 # Loosest first.
 _binary = [["||"], ["&&"], ["==", "!="], ["<", "<=", ">", ">="], ["+", "-"], ["*", "/", "%"]]

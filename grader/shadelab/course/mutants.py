@@ -18,9 +18,33 @@ SWAPS = {
     "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "<": ["<=", ">"], "<=": ["<", ">"], ">": [">=", "<"], ">=": [">", "<"],
     "==": ["!="], "!=": ["=="], "&&": ["||"], "||": ["&&"],
 }  # fmt: skip
-SISTERS = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "acos": "asin", "asin": "acos", "exp": "exp2", "log": "log2"}
+SISTERS = {
+    "min": "max",
+    "max": "min",
+    "sin": "cos",
+    "cos": "sin",
+    "acos": "asin",
+    "asin": "acos",
+    "exp": "exp2",
+    "log": "log2",
+}
 # What one argument decides of the type of a call's result; others give a Real.
-_as_argument = {"normalize", "reflect", "cross", "abs", "min", "max", "clamp", "mix", "pow", "exp", "log", "sqrt", "sign", "floor"}
+_as_argument = {
+    "normalize",
+    "reflect",
+    "cross",
+    "abs",
+    "min",
+    "max",
+    "clamp",
+    "mix",
+    "pow",
+    "exp",
+    "log",
+    "sqrt",
+    "sign",
+    "floor",
+}
 
 
 @dataclass(frozen=True)
@@ -51,6 +75,7 @@ class Scope:
     members: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # struct -> member -> type
     functions: Mapping[str, Function] = field(default_factory=dict)  # those that it may call
     contract: str = ""  # the comment above the function: the names that it uses are everybody's
+
     @classmethod
     def of(cls, assignment: Assignment, function: Function, text: str = "") -> "Scope":
         """`text`: of the solution, for the contract."""
@@ -94,7 +119,9 @@ class _Breeder:
         if without != self.body:
             yield _Change("no squares", 0, len(self.body), without, 0, "without the squares", True)
             absolute = re.sub(r"\b(\w+) \* \1\b(?! \*)", r"abs(\1)", self.body)
-            yield _Change("abs for squares", 0, len(self.body), absolute, 0, "with absolute values in the place of squares", True)
+            yield _Change(
+                "abs for squares", 0, len(self.body), absolute, 0, "with absolute values in the place of squares", True
+            )
         for top in self.statements:
             for statement in top.all():
                 yield from self._of_statement(statement)
@@ -187,11 +214,15 @@ class _Breeder:
     def _of_statement(self, s: Statement) -> Iterator[_Change]:
         if s.kind == "if" and len(s.inner) == 1 and s.inner[0].kind == "return":
             about = self._asked(s.expressions[0])
-            yield _Change("if dropped", s.start, s.end, "", s.start, f"without the question about {about}" if about else "")
+            yield _Change(
+                "if dropped", s.start, s.end, "", s.start, f"without the question about {about}" if about else ""
+            )
         if s.kind == "assign" and s.name != "=":
             value = self._words(s.expressions[1])
             verb = {"*=": "without the factor", "/=": "without the division by"}.get(s.name, "without the term")
-            yield _Change("assignment dropped", s.start, s.end, "", s.start, f"{verb} {value}" if value else "", slip=True)
+            yield _Change(
+                "assignment dropped", s.start, s.end, "", s.start, f"{verb} {value}" if value else "", slip=True
+            )
 
     def _asked(self, condition: Node) -> str:
         """About what a condition asks."""
@@ -209,7 +240,9 @@ class _Breeder:
     def _of_binary(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         left, right = node.parts
         for new in SWAPS.get(node.name, ()):
-            yield _Change(f"{node.name} -> {new}", node.at, node.at + len(node.name), new, node.at, self._swapped(node, new))
+            yield _Change(
+                f"{node.name} -> {new}", node.at, node.at + len(node.name), new, node.at, self._swapped(node, new)
+            )
         texts = [self._text(part) for part in node.parts]
         words = [self._words(part) for part in node.parts]
         if node.name in ("&&", "||"):
@@ -227,19 +260,34 @@ class _Breeder:
         if node.name == "*":
             for k, word in enumerate(words):
                 if self._type(node.parts[1 - k]) == self._type(node) or self._type(node) == "Real":
-                    yield self._slip(f"factor {k + 1} left out", node, texts[1 - k], f"without the factor {word}" if word else "")
+                    yield self._slip(
+                        f"factor {k + 1} left out", node, texts[1 - k], f"without the factor {word}" if word else ""
+                    )
                 yield self._slip(
-                    f"factor {k + 1} twice", node, f"({texts[k]}) * {self._text(node)}", f"with the factor {word} squared" if word else ""
+                    f"factor {k + 1} twice",
+                    node,
+                    f"({texts[k]}) * {self._text(node)}",
+                    f"with the factor {word} squared" if word else "",
                 )
         if node.name == "/":
-            yield self._slip("divisor left out", node, texts[0], f"without the division by {words[1]}" if words[1] else "")
+            yield self._slip(
+                "divisor left out", node, texts[0], f"without the division by {words[1]}" if words[1] else ""
+            )
             if self._type(node) == "Real":
                 yield self._slip("fraction upside down", node, f"({texts[1]}) / ({texts[0]})", "")
         # a * (b + c) and (a + b) * c without their brackets
-        for k, part in enumerate(node.parts):
+        for part in node.parts:
             inside = part.parts[0] if part.kind == "bracket" else None
             if node.name in ("*", "/") and inside and inside.kind == "binary" and inside.name in ("+", "-"):
-                yield _Change("brackets left out", part.start, part.end, self._text(inside), part.start, "with a pair of brackets left out", True)
+                yield _Change(
+                    "brackets left out",
+                    part.start,
+                    part.end,
+                    self._text(inside),
+                    part.start,
+                    "with a pair of brackets left out",
+                    True,
+                )
 
     def _swapped(self, node: Node, new: str) -> str:
         left, right = (self._words(part) for part in node.parts)
@@ -252,7 +300,11 @@ class _Breeder:
         about = self._asked(node)
         if node.name in ("<", "<=", ">", ">=", "==", "!=") and about:
             edge = new.rstrip("=") == node.name.rstrip("=")
-            return f"with the edge case of {about} on the other side" if edge else f"with the question about {about} turned round"
+            return (
+                f"with the edge case of {about} on the other side"
+                if edge
+                else f"with the question about {about} turned round"
+            )
         return ""
 
     def _of_unary(self, node: Node, parent: Node | None) -> Iterator[_Change]:
@@ -266,7 +318,9 @@ class _Breeder:
         for new in dict.fromkeys([value + 1, 0.0 if value else 1.0, 1.1 * value]):
             if new != value:
                 words = f"with {new:g} for a constant that is {value:g}" if value else ""
-                yield _Change(f"{node.name} -> {new:g}", node.start, node.end, _literal(new, node.name), node.start, words)
+                yield _Change(
+                    f"{node.name} -> {new:g}", node.start, node.end, _literal(new, node.name), node.start, words
+                )
         for new in (2 * value, 0.5 * value, value - 1):
             if value and "." in node.name:
                 words = f"with {new:g} for a constant that is {value:g}"
@@ -282,7 +336,9 @@ class _Breeder:
             for name, type in self.scope.members[of].items():
                 if name != node.name and type == self._type(node):
                     word = f"{self._text(node.parts[0])}.{name}"
-                    yield self._slip(f"{name} for {node.name}", node, word, f"with {word} in the place of {self._text(node)}")
+                    yield self._slip(
+                        f"{name} for {node.name}", node, word, f"with {word} in the place of {self._text(node)}"
+                    )
         elif of.startswith("vec"):
             for letter in "xyzw"[: int(of[3])]:
                 if letter != node.name:
@@ -336,14 +392,18 @@ class _Breeder:
             mine, text = self._meaning(node, parent), self._text(node)
             yield self._slip("squared", node, f"({text} * {text})", f"with {mine} squared" if mine else "")
             yield self._slip("its root", node, f"sqrt({text})", f"with the square root of {mine}" if mine else "")
-            yield self._slip("1 - it", node, f"(1.0 - {text})", f"with 1 - {mine} in the place of {mine}" if mine else "")
+            yield self._slip(
+                "1 - it", node, f"(1.0 - {text})", f"with 1 - {mine} in the place of {mine}" if mine else ""
+            )
 
     def _of_call(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         texts = [self._text(part) for part in node.parts]
         words = [self._words(part) for part in node.parts]
         for number, text in enumerate(texts):
             said = self._instead(node, number, words)
-            yield _Change(f"{node.name}(...) -> its argument {number + 1}", node.start, node.end, f"({text})", node.start, said)
+            yield _Change(
+                f"{node.name}(...) -> its argument {number + 1}", node.start, node.end, f"({text})", node.start, said
+            )
         for i in range(len(texts) - 1):
             if texts[i] != texts[i + 1]:
                 swapped = [*texts[:i], texts[i + 1], texts[i], *texts[i + 2 :]]
@@ -357,8 +417,12 @@ class _Breeder:
         if node.name == "dot":
             yield from self._other_dots(node)
         if node.name == "dot" and (said := self._words(node)):
-            yield self._slip("clamp put in", node, f"max({self._text(node)}, 0.0)", f"with {said} clamped at 0 in one place")
-            yield self._slip("abs put in", node, f"abs({self._text(node)})", f"with the absolute value of {said} in one place")
+            yield self._slip(
+                "clamp put in", node, f"max({self._text(node)}, 0.0)", f"with {said} clamped at 0 in one place"
+            )
+            yield self._slip(
+                "abs put in", node, f"abs({self._text(node)})", f"with the absolute value of {said} in one place"
+            )
         yield from self._other_calls(node, texts, words)
 
     def _other_dots(self, node: Node) -> Iterator[_Change]:
@@ -368,18 +432,28 @@ class _Breeder:
         for one, other in combinations([name for name, words in known.items() if words], 2):
             theirs = _dot(known[one], known[other])
             if mine and theirs != mine:
-                yield self._slip(f"{theirs} for {mine}", node, f"dot({one}, {other})", f"with {theirs} in the place of {mine}")
+                yield self._slip(
+                    f"{theirs} for {mine}", node, f"dot({one}, {other})", f"with {theirs} in the place of {mine}"
+                )
 
     def _instead(self, node: Node, number: int, words: list[str]) -> str:
         """Without this call."""
         if number == 0 and node.name in ("max", "clamp"):
             return f"without the clamp of {words[0]}" if words[0] else "without a clamp"
         if number == 0 and node.name in ("normalize", "sqrt", "abs", "floor"):
-            return {"normalize": "without normalising", "sqrt": "without a square root", "abs": "without an absolute value"}.get(node.name, "")
+            return {
+                "normalize": "without normalising",
+                "sqrt": "without a square root",
+                "abs": "without an absolute value",
+            }.get(node.name, "")
         if number == 0 and node.name == "pow":
             return f"without the power {words[1]}" if words[1] else "without the power"
         if node.name == "min" and len(words) == 2:
-            return "without the limit of 1" if words[1 - number] == "1" else "with one of the two of which the smaller is taken"
+            return (
+                "without the limit of 1"
+                if words[1 - number] == "1"
+                else "with one of the two of which the smaller is taken"
+            )
         return ""
 
     def _in_call(self, node: Node) -> str:
@@ -392,9 +466,21 @@ class _Breeder:
         for k in range(len(texts) if node.name == "max" else 1):
             if node.name == "clamp" or _is_zero(texts[1 - k]):
                 inner, said = texts[k], words[k] or "what is clamped"
-                yield self._slip("abs for a clamp", node, f"abs({inner})", f"with the absolute value of {said} in the place of a clamp")
-                yield self._slip("half for a clamp", node, f"(0.5 * ({inner}) + 0.5)", f"with 0.5 + 0.5 {said} in the place of a clamp")
-                yield self._slip("sign for a clamp", node, f"max(-({inner}), 0.0)", f"with the sign of {said} exchanged")
+                yield self._slip(
+                    "abs for a clamp",
+                    node,
+                    f"abs({inner})",
+                    f"with the absolute value of {said} in the place of a clamp",
+                )
+                yield self._slip(
+                    "half for a clamp",
+                    node,
+                    f"(0.5 * ({inner}) + 0.5)",
+                    f"with 0.5 + 0.5 {said} in the place of a clamp",
+                )
+                yield self._slip(
+                    "sign for a clamp", node, f"max(-({inner}), 0.0)", f"with the sign of {said} exchanged"
+                )
                 if node.name == "clamp":
                     yield self._slip("no lower clamp", node, f"min({inner}, 1.0)", f"without the clamp of {said} at 0")
                     yield self._slip("no upper clamp", node, f"max({inner}, 0.0)", f"without the clamp of {said} at 1")
@@ -403,10 +489,25 @@ class _Breeder:
         if node.name in SISTERS:
             sister = SISTERS[node.name]
             every = re.sub(rf"\b{node.name}\(", f"{sister}(", self.body)
-            yield _Change(f"{sister} for every {node.name}", 0, len(self.body), every, node.start, f"with {sister} in the place of {node.name}", True)
-            yield self._slip(f"{sister} for {node.name}", node, f"{sister}({', '.join(texts)})", f"with {sister} in the place of {node.name}")
+            yield _Change(
+                f"{sister} for every {node.name}",
+                0,
+                len(self.body),
+                every,
+                node.start,
+                f"with {sister} in the place of {node.name}",
+                True,
+            )
+            yield self._slip(
+                f"{sister} for {node.name}",
+                node,
+                f"{sister}({', '.join(texts)})",
+                f"with {sister} in the place of {node.name}",
+            )
         if node.name == "pow" and len(texts) == 2:
-            yield self._slip("product for power", node, f"(({texts[0]}) * ({texts[1]}))", "with a product in the place of a power")
+            yield self._slip(
+                "product for power", node, f"(({texts[0]}) * ({texts[1]}))", "with a product in the place of a power"
+            )
             base = node.parts[0]
             if base.kind == "binary" and base.name in ("+", "-"):
                 a, b = (self._text(part) for part in base.parts)
@@ -418,14 +519,27 @@ class _Breeder:
         if called:
             signature = [v.domain.type for v in called.values]
             for name, other in self.scope.functions.items():
-                if name != node.name and other.returns == called.returns and [v.domain.type for v in other.values] == signature:
-                    yield self._slip(f"{name} for {node.name}", node, f"{name}({', '.join(texts)})", f"with {name} in the place of {node.name}")
+                if (
+                    name != node.name
+                    and other.returns == called.returns
+                    and [v.domain.type for v in other.values] == signature
+                ):
+                    yield self._slip(
+                        f"{name} for {node.name}",
+                        node,
+                        f"{name}({', '.join(texts)})",
+                        f"with {name} in the place of {node.name}",
+                    )
             if called.returns == "Real":
                 for value in ("1.0", "0.0"):
-                    yield self._slip(f"{value} for {node.name}", node, value, f"as if {node.name} were {float(value):g}")
+                    yield self._slip(
+                        f"{value} for {node.name}", node, value, f"as if {node.name} were {float(value):g}"
+                    )
             if called.returns == "vec3":
                 for value in ("1.0", "0.0"):
-                    yield self._slip(f"{value} for {node.name}", node, f"vec3({value})", f"as if {node.name} were {float(value):g}")
+                    yield self._slip(
+                        f"{value} for {node.name}", node, f"vec3({value})", f"as if {node.name} were {float(value):g}"
+                    )
 
     def _slip(self, what: str, node: Node, new: str, words: str) -> _Change:
         return _Change(what, node.start, node.end, new, node.start, words, slip=True)

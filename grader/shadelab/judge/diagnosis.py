@@ -1,7 +1,7 @@
-"""What a wrong function does, from its numbers alone. First the declared mistakes: each was evaluated on the inputs that the student's
-function is evaluated on. Then a search: what happens to the result (relations.py), the reference with one thing changed and the
-reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and several at once.
-Last, where it is wrong (places.py). Nothing is told that does not explain clearly better than the truth and than anything else."""
+"""What a wrong function does, from its numbers alone. First the declared mistakes: each was evaluated on the inputs that the
+student's function is evaluated on. Then a search: what happens to the result (relations.py), the reference with one thing changed
+and the reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and several
+at once. Last, where it is wrong (places.py). What is told explains clearly better than the truth and than anything else."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -25,6 +25,7 @@ from shadelab.judge.relations import (
     of_quantities,
     of_result,
     of_results,
+    of_sums,
 )
 from shadelab.result import Mistake
 from shadelab.truth.expected import Expected
@@ -34,7 +35,9 @@ PART = 0.05
 SEVERAL = 3
 UNDECLARED = "undeclared"  # id of a mistake that was found by searching
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
-MOSTLY = 0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
+MOSTLY = (
+    0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
+)
 HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
 TELLS = 1e-3  # of a member's scale: what is smaller is right whatever one does
 SAMPLE = 300  # rows of each kind on which relations are looked for
@@ -77,8 +80,8 @@ def diagnose(
     members: list[slice],
     right: frozenset[str] = frozenset(),
 ) -> Diagnosis | None:
-    """declared, changed: see above; with follow-through there are no `changed` ones. right: functions whose own check passed: they
-    explain nothing, unless the judged one does over again what they do."""
+    """declared, changed: see above; with follow-through there are no `changed` ones. right: functions whose own check passed:
+    they explain nothing, unless the judged one does over again what they do."""
     search = _Search(judgement, function, actual, limit, members, changed, right)
     found = _declared(judgement, function, actual, limit, [c for c in declared if c.function not in right], members)
     if found is not None:
@@ -161,7 +164,13 @@ class _Search:
         changed: list[Candidate],
         right: frozenset[str],
     ) -> None:
-        self.judgement, self.function, self.actual, self.limit, self.members = judgement, function, actual, limit, members
+        self.judgement, self.function, self.actual, self.limit, self.members = (
+            judgement,
+            function,
+            actual,
+            limit,
+            members,
+        )
         self.wrong = judgement.wrong
         # A function that is right is not blamed; what the judged one does over again in its place may be wrong all the same.
         self.changed = sorted(changed, key=lambda c: (c.function != function.name, c.function in right))
@@ -197,7 +206,7 @@ class _Search:
         return self._told("values are", parts) if parts else None
 
     def blamed(self, declared: list[Candidate]) -> Diagnosis | None:
-        """A declared mistake of a function that is right: this one does by itself what that one is there for, and does it wrongly."""
+        """A declared mistake of a function that is right: this one does by itself what that one is there for, and wrongly."""
         return _declared(self.judgement, self.function, self.actual, self.limit, declared, self.members, pairs=True)
 
     def equal_to(self, id: str, declared: list[Candidate]) -> str:
@@ -216,7 +225,9 @@ class _Search:
     def _told(self, subject: str, parts: list[Explanation]) -> Diagnosis:
         first, *others = parts
         where = next((p.candidate.function for p in parts if p.candidate), self.function.name)
-        mistake = Mistake(id=UNDECLARED, hint=_sentence(subject, first.words), margin=round(min(p.margin for p in parts), 2))
+        mistake = Mistake(
+            id=UNDECLARED, hint=_sentence(subject, first.words), margin=round(min(p.margin for p in parts), 2)
+        )
         return Diagnosis(mistake, where, others=[_sentence(subject, p.words) for p in others])
 
     # --- how it is found ---
@@ -243,7 +254,7 @@ class _Search:
         return _plainest(found)
 
     def _sample(self, wrong: np.ndarray) -> np.ndarray:
-        """Rows that stand for all: of the wrong ones and of the right ones at most SAMPLE, in their proportion where both are many."""
+        """Rows that stand for all: of the wrong ones and of the right ones at most SAMPLE each."""
         rng = np.random.default_rng(len(wrong))
         bad, good = rng.permutation(np.flatnonzero(wrong)), rng.permutation(np.flatnonzero(~wrong))
         return np.sort(np.concatenate([bad[:SAMPLE], good[:SAMPLE]]))
@@ -269,6 +280,8 @@ class _Search:
         for words, values, plain in of_quantities(compared):
             said = words.removeprefix("ONLY ") if words.startswith("ONLY ") else f"what is expected {words}"
             yield _explanation(compared, said.replace(" ,", ","), values, plain)
+        for words, values, plain in of_sums(compared):
+            yield _explanation(compared, words, values, plain)
         for words, values, plain in of_curve(compared) if len(compared.members) == 1 else ():
             yield _explanation(compared, words, values, plain)
         columns = [k for m in compared.members for k in range(m.start, m.stop)]
@@ -325,7 +338,12 @@ class _Search:
             best.margin = float((best.explained & left).sum())
             return best
         if place and left.mean() < HALF:
-            return Explanation(f"wrong where {place}{self._inside(members, place, left)}", left & place.rows, 0, margin=float(left.sum()))
+            return Explanation(
+                f"wrong where {place}{self._inside(members, place, left)}",
+                left & place.rows,
+                0,
+                margin=float(left.sum()),
+            )
         table = self.judgement.table
         part = part_of(self.function, table.rows, table.truth, left, self._tells(left, members))
         if part and left.mean() < HALF and (left & part.rows).sum() >= 0.2 * wrong.sum():
@@ -411,7 +429,9 @@ def _plainest(found: list[Explanation]) -> Explanation | None:
     least = max(e.margin for e in found)
     near = [e for e in found if e.margin * MARGIN > least]
     first, *others = sorted(near, key=lambda e: e.plain)
-    other = next((e for e in others if e.plain == first.plain and e.words != first.words and e.left <= first.left), None)
+    other = next(
+        (e for e in others if e.plain == first.plain and e.words != first.words and e.left <= first.left), None
+    )
     if other is not None:
         first.words = f"{first.words}, or {other.words}"
     worse = [e.margin for e in found if e.margin * MARGIN <= least]
@@ -420,7 +440,9 @@ def _plainest(found: list[Explanation]) -> Explanation | None:
 
 
 def _times(words: str) -> str:
-    return "times " if re.fullmatch(r"-?[\d.e/()+-]*( ?pi)?( squared|/[\d.]+|\))?|sqrt\(.*\)|.*/sqrt\(.*\)", words) else ""
+    return (
+        "times " if re.fullmatch(r"-?[\d.e/()+-]*( ?pi)?( squared|/[\d.]+|\))?|sqrt\(.*\)|.*/sqrt\(.*\)", words) else ""
+    )
 
 
 def _sentence(subject: str, words: str) -> str:

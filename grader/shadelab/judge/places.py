@@ -49,7 +49,9 @@ def quantities(function: Function, rows: np.ndarray, truth: np.ndarray | None = 
             half = _unit(directions[one] + directions[other])
             name = "h" if {one, other} == {"l", "v"} else f"h({one}, {other})"
             out[_dot(third, name)] = np.sum(directions[third] * half, axis=1)
-            mirrored = 2 * np.sum(directions[one] * directions[third], axis=1)[:, None] * directions[third] - directions[one]
+            mirrored = (
+                2 * np.sum(directions[one] * directions[third], axis=1)[:, None] * directions[third] - directions[one]
+            )
             if third == "n":
                 out[f"dot({other}, {one} mirrored about {third})"] = np.sum(directions[other] * mirrored, axis=1)
     for path in given:
@@ -93,8 +95,8 @@ def channels_of(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
 def place_of(
     function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray | None = None
 ) -> Place | None:
-    """The plainest condition that holds where `wrong`; None when no single quantity tells, or all is wrong. `whole`: the rows that
-    are asked about (default all)."""
+    """The plainest condition that holds where `wrong`; None when no single quantity tells, or all is wrong. `whole`: the rows
+    that are asked about (default all)."""
     whole = np.ones(len(rows), bool) if whole is None else whole
     if wrong.sum() < FEW or wrong.sum() > 0.97 * whole.sum():
         return None
@@ -107,7 +109,7 @@ def place_of(
                 continue
             if name.startswith(EXPECTED):  # "wherever it is not 0" says nothing
                 size = np.abs(values)
-                if (~inside & whole & (size > 0.01 * np.percentile(size, 95))).sum() < 0.05 * whole.sum():
+                if (~inside & whole & (size > 0.01 * np.percentile(size, 95))).sum() < 0.2 * whole.sum():
                     continue
             density = (wrong & inside).sum() / inside.sum()
             if density < DENSE:
@@ -119,7 +121,9 @@ def place_of(
     return best[2] if best else None
 
 
-def part_of(function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray) -> Place | None:
+def part_of(
+    function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray
+) -> Place | None:
     """The condition, below or above a threshold, that holds for as many of the wrong rows as possible and for few others."""
     best: tuple[int, Place] | None = None
     for name, values in quantities(function, rows, truth).items():
@@ -136,7 +140,9 @@ def part_of(function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.n
             held = values <= threshold if sign == 1 else values >= threshold
             count = int((held & wrong).sum())
             if (held & whole).sum() < 0.97 * whole.sum() and (best is None or count > best[0]):
-                comparison = ("<" if inside < threshold else "<=") if sign == 1 else (">" if inside > threshold else ">=")
+                comparison = (
+                    ("<" if inside < threshold else "<=") if sign == 1 else (">" if inside > threshold else ">=")
+                )
                 best = (count, Place(f"{name} {comparison} {_number(threshold)}", held))
     return best[1] if best else None
 

@@ -1,6 +1,6 @@
 """By what relation wrong numbers and the reference's belong together: the student's values explained as U(f(T(inputs))). f with T
-inside (changed arguments, or the reference with one thing changed) are the hypotheses of the expected data; U, what happens to the
-result, is found here: a factor, a power, an offset, a sign, a clamp, members exchanged. Nothing here knows what a function computes."""
+inside (changed arguments, or the reference with one thing changed) are the hypotheses of the expected data; U, what happens to
+the result, is found here: a factor, a power, a clamp, members exchanged. Nothing here knows what a function computes."""
 
 from collections.abc import Iterator
 from copy import copy
@@ -14,8 +14,8 @@ from shadelab.judge.places import channels_of, directions_of, quantities
 from shadelab.truth.expected import Table
 from shadelab.truth.measures import FACTOR, SMALL
 
-# A hypothesis explains a row when it gives the student's numbers within this relative error (or the function's limit, where that is
-# wider): the same mistake written in other words rounds differently. But it has to be NEARER times nearer than the truth.
+# A hypothesis explains a row when it gives the student's numbers within this relative error (or the function's limit, where
+# that is wider): the same mistake written in other words rounds differently. But it has to be that much NEARER than the truth.
 ALIKE = 1e-3
 NEARER = 0.1
 # It is told when the truth and every other explanation leave at least MARGIN times as many rows unexplained, one added to both
@@ -31,7 +31,6 @@ CONSTANTS = {
     "1/255": 1 / 255,
     **{f"{k:g}": k for k in (-1.0, 2.0, 3.0, 4.0, 5.0, 8.0, 10.0, 0.5, 0.25, 0.125, 0.1, -2.0, -0.5)},
 }  # fmt: skip
-CHANCE = 4  # parameters of a fit cost so many rows
 TRUTH = "what is expected"
 FITTED = 900  # numbers that a factor is fitted to
 MONOMIALS = (1, -1, 2, -2, 0.5, -0.5, 3, -3, 4, -4, 5, -5)
@@ -116,8 +115,8 @@ def _columns(members: list[slice]) -> list[int]:
 
 
 def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator[tuple[str, np.ndarray, int]]:
-    """U(output) that may be what came: words, values, and how far from plain. `plain`: output is the truth, so that factors of any
-    size are looked for."""
+    """U(output) that may be what came: words, values, and how far from plain. `plain`: output is the truth, so that factors of
+    any size are looked for."""
     a, columns = compared.actual, _columns(compared.members)
     use = np.zeros(a.shape, bool)
     with np.errstate(all="ignore"):
@@ -145,7 +144,11 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
         for member in compared.members:
             if member.stop - member.start == 3:
                 length = np.linalg.norm(output[:, member], axis=1, keepdims=True)
-                yield "the normalised", _with(output, (member, np.where(length > 0, output[:, member] / length, 0.0))), 1
+                yield (
+                    "the normalised",
+                    _with(output, (member, np.where(length > 0, output[:, member] / length, 0.0))),
+                    1,
+                )
         yield "1 minus", 1 - output, 1
         yield "the absolute value of", np.abs(output), 1
         yield "the clamped (to 0 .. 1)", np.clip(output, 0, 1), 1
@@ -171,7 +174,9 @@ def of_results(compared: Comparison, outputs: np.ndarray) -> Iterator[tuple[str,
     columns = _columns(compared.members)
     with np.errstate(all="ignore"):
         size = np.abs(outputs[..., columns])
-        large = np.isfinite(size) & (size > 0.02 * np.max(np.where(np.isfinite(size), size, 0), axis=(1, 2), keepdims=True))
+        large = np.isfinite(size) & (
+            size > 0.02 * np.max(np.where(np.isfinite(size), size, 0), axis=(1, 2), keepdims=True)
+        )
         ratio = np.where(large, compared.actual[:, columns] / outputs[..., columns], np.nan).reshape(len(outputs), -1)
         ratio.sort(axis=1)  # what is left out comes last
         counts = np.isfinite(ratio).sum(axis=1)
@@ -191,7 +196,9 @@ def of_results(compared: Comparison, outputs: np.ndarray) -> Iterator[tuple[str,
 
 
 def _power(p: float) -> str:
-    return {2.0: "the square of", 0.5: "the square root of", -1.0: "1 over", 3.0: "the cube of"}.get(p, f"the power {p:.4g} of")
+    return {2.0: "the square of", 0.5: "the square root of", -1.0: "1 over", 3.0: "the cube of"}.get(
+        p, f"the power {p:.4g} of"
+    )
 
 
 def _nearest(factor: float, tolerance: float) -> tuple[str, float]:
@@ -244,7 +251,11 @@ def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
         if member.stop - member.start != 3 or use.sum() < 12 or not named:
             continue
         unit = came[use] / length[use, None]
-        for names in (list(named), [n for n in basis if not n.startswith("cross")], [n for n in basis if n.startswith("cross")]):
+        for names in (
+            list(named),
+            [n for n in basis if not n.startswith("cross")],
+            [n for n in basis if n.startswith("cross")],
+        ):
             if not names or len(names) > 6:
                 continue
             columns = np.stack([np.cross(unit, basis[n][use]).ravel() for n in names], axis=1)
@@ -264,7 +275,11 @@ def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
             size = np.linalg.norm(pointing, axis=1)
             ratio = np.median(length[use] / size[use])
             constant = np.abs(length[use] / size[use] / ratio - 1) < 0.01
-            factor = ratio if constant.mean() > 0.9 else np.where(length > 1e-6, length / np.maximum(size, 1e-30), np.nan)[:, None]
+            factor = (
+                ratio
+                if constant.mean() > 0.9
+                else np.where(length > 1e-6, length / np.maximum(size, 1e-30), np.nan)[:, None]
+            )
             if constant.mean() > 0.9:
                 said = _combination({n: k * ratio for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()})
                 yield said, _with(compared.truth, (member, factor * pointing)), 3
@@ -340,7 +355,9 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
             factor = constant * _raised_product(everything, powers)
             yield _product(powers, constant, compared.tolerance), values(factor), 2
         own = came.ravel()[chosen]
-        if (own > 0).mean() > 0.95 and (found := _monomial(own, flat | {TRUTH: np.abs(truth.ravel()[chosen])}, compared.tolerance)):
+        if (own > 0).mean() > 0.95 and (
+            found := _monomial(own, flat | {TRUTH: np.abs(truth.ravel()[chosen])}, compared.tolerance)
+        ):
             powers, constant = found
             out = compared.truth.copy()
             product = constant * _raised_product(everything | {TRUTH: np.abs(truth)}, powers)
@@ -365,7 +382,9 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
                 if not np.isfinite(y).all():
                     continue
                 slope, start = np.polyfit(x, y, 1, w=1 / np.maximum(np.abs(y), 1e-9))
-                if (np.abs(slope * x + start - y) <= 2 * compared.tolerance * np.abs(y)).mean() > 0.9 and abs(slope) > 0:
+                if (np.abs(slope * x + start - y) <= 2 * compared.tolerance * np.abs(y)).mean() > 0.9 and abs(
+                    slope
+                ) > 0:
                     factor = (slope * everything[name] + start) ** inverse
                     verb = "times" if inverse == 1 else "divided by"
                     yield f"{verb} {_straight(slope, start, name)}", values(factor), 3
@@ -376,9 +395,16 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
                 inside = np.interp(everything[name], x[order], r[order])
                 low, high = x[order][len(x) // 20], x[order][-len(x) // 20 - 1]
                 at = " and ".join(f"{np.interp(k, x[order], r[order]):.3g} at {name} = {k:.3g}" for k in (low, high))
-                yield f"times a factor that depends on {name} alone: {at}", np.where(
-                    np.abs(values(inside) - compared.actual) < 0.1 * np.abs(compared.actual), compared.actual, values(inside)
-                ), 5
+                yield (
+                    f"times a factor that depends on {name} alone: {at}",
+                    np.where(
+                        np.abs(values(inside) - compared.actual) < 0.1 * np.abs(compared.actual),
+                        compared.actual,
+                        values(inside),
+                    ),
+                    5,
+                )
+                break
 
 
 def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
@@ -395,7 +421,12 @@ def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
         return
     x, y = x[ramp], y[ramp]
     bends = np.abs(y[1:-1] - (y[:-2] + y[2:]) / 2)  # a curve goes through the middle of its neighbours
-    if np.mean(bends < 0.02 * np.abs(y[1:-1]) + 1e-3 * np.ptp(y)) < 0.95 or np.corrcoef(np.argsort(np.argsort(x)), y)[0, 1] ** 2 < 0.1:
+    if (
+        np.mean(bends < 0.02 * np.abs(y[1:-1]) + 1e-3 * np.ptp(y)) < 0.95
+        or np.corrcoef(np.argsort(np.argsort(x)), y)[0, 1] ** 2 < 0.1
+    ):
+        return
+    if np.abs(y - x).max() < 0.02 * np.ptp(x):
         return
     at = [np.percentile(x, k) for k in (10, 50, 90)]
     said = ", ".join(f"{np.interp(k, x, y):.3g} where it is {k:.3g}" for k in at)
@@ -406,7 +437,46 @@ def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
     yield f"on a curve of their own over what is expected: {said}", values, 5
 
 
-def _monomial(ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float) -> tuple[dict[str, float], float] | None:
+def of_sums(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+    """A sum of two quantities, or of one and a constant: kd + e, a little kd where nothing is expected."""
+    columns = _columns(compared.members)
+    came = compared.actual[:, columns].ravel()
+    known = {TRUTH: compared.truth[:, columns].ravel(), "1": np.ones(len(came))}
+    if all(m.stop - m.start == 3 for m in compared.members):
+        of_inputs = channels_of(compared.function, compared.inputs)
+        known |= {n: np.tile(x, (1, len(columns) // 3)).ravel() for n, x in of_inputs.items()}
+    else:
+        known |= {n: np.repeat(x, len(columns)) for n, x in quantities(compared.function, compared.inputs).items()}
+    use = np.isfinite(came) & np.isfinite(known[TRUTH])
+    known = {n: x for n, x in known.items() if np.isfinite(x).all() and np.abs(x[use]).max(initial=0) > 0}
+    if use.sum() < 12 or len(known) > 60:
+        return
+    x, y = np.stack([v[use] for v in known.values()], axis=1), came[use]
+    weight = 1 / (np.abs(y) + 0.01 * np.percentile(np.abs(y), 95) + 1e-30)
+    x, y, names = x * weight[:, None], y * weight, list(known)
+    gram, with_y = x.T @ x, x.T @ y
+    tried = []
+    for i, j in [*((k, k) for k in range(len(names))), *combinations(range(len(names)), 2)]:
+        chosen = [i] if i == j else [i, j]
+        part = gram[np.ix_(chosen, chosen)]
+        if np.linalg.det(part) > 1e-9 * np.prod(np.diag(part)):
+            c = np.linalg.solve(part, with_y[chosen])
+            tried.append((float(y @ y - c @ with_y[chosen]), chosen))
+    for _, chosen in sorted(tried, key=lambda t: (t[0] + 1e-9, len(t[1])))[:4]:
+        c, rest = np.linalg.lstsq(x[:, chosen], y, rcond=None)[0], None
+        c = [round(k, 2) if abs(round(k, 2) - k) < 1e-4 * abs(k) + 1e-6 else float(k) for k in c]
+        rest = np.abs(x[:, chosen] @ c - y)
+        if np.mean(rest < 5 * compared.tolerance) > 0.9:
+            values = compared.truth.copy()
+            values[:, columns] = np.reshape(sum(k * known[names[n]] for k, n in zip(c, chosen)), (-1, len(columns)))
+            if [names[n] for n in chosen] == [TRUTH] and abs(c[0] - 1) < 0.01:
+                continue
+            yield _combination({names[n]: k for k, n in zip(c, chosen)}).replace(" 1", "").replace("  ", " "), values, 3
+
+
+def _monomial(
+    ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float
+) -> tuple[dict[str, float], float] | None:
     """The powers of at most two quantities, with a constant, that give the ratio."""
     if not (ratio > 0).mean() > 0.95:
         return None
@@ -421,12 +491,15 @@ def _monomial(ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float)
         return None
     x = np.stack([logs[n][use] for n in names], axis=1)
     x, mine = x - x.mean(axis=0), y[use] - y[use].mean()
-    gram, with_y, whole = x.T @ x, x.T @ mine, float(mine @ mine)
+    gram, with_y = x.T @ x, x.T @ mine
     groups = [((k,), with_y[k] ** 2 / gram[k, k]) for k in range(len(names))]
     for i, j in combinations(range(len(names)), 2):
         det = gram[i, i] * gram[j, j] - gram[i, j] ** 2
         if det > 1e-6 * gram[i, i] * gram[j, j]:
-            p, q = (with_y[i] * gram[j, j] - with_y[j] * gram[i, j]) / det, (with_y[j] * gram[i, i] - with_y[i] * gram[i, j]) / det
+            p, q = (
+                (with_y[i] * gram[j, j] - with_y[j] * gram[i, j]) / det,
+                (with_y[j] * gram[i, i] - with_y[i] * gram[i, j]) / det,
+            )
             groups.append(((i, j), p * with_y[i] + q * with_y[j]))
     best = None
     # One quantity before two; of those that leave least, the few best are tried with the powers that people write.
@@ -458,7 +531,9 @@ def _product(powers: dict[str, float], constant: float, tolerance: float) -> str
     times = [] if abs(constant - 1) < 1e-3 else [named or f"{constant:.4g}"]
     times += [_raised(n, p) for n, p in powers.items() if p > 0]
     divided = [_raised(n, -p) for n, p in powers.items() if p < 0]
-    said = ([f"times {' times '.join(times)}"] if times else []) + ([f"divided by {' and '.join(divided)}"] if divided else [])
+    said = ([f"times {' times '.join(times)}"] if times else []) + (
+        [f"divided by {' and '.join(divided)}"] if divided else []
+    )
     return " and ".join(said)
 
 

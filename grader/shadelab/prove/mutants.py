@@ -1,10 +1,7 @@
-"""Mistakes that nobody thought of: the solution with one operator, constant, call or argument changed (mutation testing). The
-grader's tables must tell each from the solution. One that computes the same is listed in mistakes.toml as equivalent, with the
-reason why it is."""
+"""The solution with one operator, constant, call or argument changed (mutation testing). The grader's tables must tell each from
+the solution. One that computes the same is listed in mistakes.toml as equivalent, with the reason why it is."""
 
-import re
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +10,7 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment
 from shadelab.course.mistakes import load_changes, regions, with_bodies
+from shadelab.course.mutants import Mutant, mutants
 from shadelab.errors import UserError
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.glsl import GlslRunner
@@ -23,102 +21,6 @@ from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import shown
 from shadelab.truth.expected import Expected, with_callees, with_callers
 from shadelab.words import FILES
-
-SWAPS = {
-    "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "<": ["<=", ">"], "<=": ["<", ">"], ">": [">=", "<"], ">=": [">", "<"],
-    "==": ["!="], "!=": ["=="], "&&": ["||"], "||": ["&&"],
-}  # fmt: skip
-_token = re.compile(r"//[^\n]*|\d+\.\d*(?:e[+-]?\d+)?|\d+|[A-Za-z_]\w*|<=|>=|==|!=|&&|\|\||.", re.DOTALL)
-
-
-@dataclass
-class Mutant:
-    id: str  # "phong_lobe: dot(n, l) <= 0.0: <= -> <"
-    function: str
-    body: str
-
-
-@dataclass
-class Token:
-    text: str
-    start: int
-    end: int
-
-
-def tokens(body: str) -> list[Token]:
-    found = [Token(m.group(), m.start(), m.end()) for m in _token.finditer(body)]
-    return [t for t in found if not t.text.isspace() and not t.text.startswith("//")]
-
-
-def mutants(function: str, body: str) -> list[Mutant]:
-    out, seen = [], Counter()
-    for what, start, end, new in _changes(body):
-        line = body[body.rfind("\n", 0, start) + 1 :].split("\n", 1)[0].strip()
-        name = f"{function}: {what} in {line}"
-        seen[name] += 1
-        numbered = name + (f" ({seen[name]})" if seen[name] > 1 else "")
-        out.append(Mutant(numbered, function, body[:start] + new + body[end:]))
-    return out
-
-
-def _changes(body: str) -> Iterator[tuple[str, int, int, str]]:
-    """What is changed, the place, and the new text."""
-    all_ = tokens(body)
-    for k, token in enumerate(all_):
-        before = all_[k - 1].text if k else ""
-        operand = bool(re.match(r"[\w)\]]", before)) and before != "return"
-        if token.text in SWAPS and operand:
-            for new in SWAPS[token.text]:
-                yield f"{token.text} -> {new}", token.start, token.end, new
-        elif token.text == "-":
-            yield "- dropped", token.start, token.end, ""
-        elif re.match(r"\d", token.text) and before != ".":
-            value = float(token.text)
-            for new in dict.fromkeys([value + 1, 0.0 if value else 1.0, 1.1 * value]):
-                if new != value:
-                    yield f"{token.text} -> {new:g}", token.start, token.end, _literal(new, token.text)
-        elif token.text == "if" and (end := _after_return(all_, k)):
-            yield "if dropped", token.start, all_[end].end, ""
-        elif k + 1 < len(all_) and all_[k + 1].text == "(" and token.text not in ("if", "while", "for", "return"):
-            yield from _call_changes(body, all_, k)
-
-
-def _literal(value: float, like: str) -> str:
-    text = f"{value:.9g}"
-    return text if "." not in like or "." in text or "e" in text else text + ".0"
-
-
-def _after_return(all_: list[Token], k: int) -> int | None:
-    """The ; that ends an `if (...) return ...;`."""
-    depth = 0
-    for j in range(k + 1, len(all_)):
-        depth += {"(": 1, ")": -1}.get(all_[j].text, 0)
-        if depth == 0:
-            if all_[j + 1].text != "return":
-                return None
-            return next(i for i in range(j, len(all_)) if all_[i].text == ";")
-    return None
-
-
-def _call_changes(body: str, all_: list[Token], k: int) -> Iterator[tuple[str, int, int, str]]:
-    """The call replaced by one of its arguments, and two neighbouring arguments swapped."""
-    depth, parts, first = 0, [], k + 2
-    for j in range(k + 1, len(all_)):
-        depth += {"(": 1, ")": -1}.get(all_[j].text, 0)
-        if (depth == 1 and all_[j].text == ",") or depth == 0:
-            if j > first:
-                parts.append((all_[first].start, all_[j - 1].end))
-            first = j + 1
-        if depth == 0:
-            break
-    start, end, name = all_[k].start, all_[j].end, all_[k].text
-    texts = [body[a:b] for a, b in parts]
-    for number, text in enumerate(texts):
-        yield f"{name}(...) -> its argument {number + 1}", start, end, f"({text})"
-    for i in range(len(parts) - 1):
-        if texts[i] != texts[i + 1]:
-            swapped = [*texts[:i], texts[i + 1], texts[i], *texts[i + 2 :]]
-            yield f"arguments {i + 1} and {i + 2} of {name} swapped", start, end, f"{name}({', '.join(swapped)})"
 
 
 @dataclass

@@ -116,7 +116,9 @@ class Expected:
         words, functions, ends, everywhere, rows, values = parts
         return [
             Hypothesis(str(w), str(f), r, v, bool(e))
-            for w, f, e, r, v in zip(words, functions, everywhere, np.split(rows, ends[:-1]), np.split(values, ends[:-1]))
+            for w, f, e, r, v in zip(
+                words, functions, everywhere, np.split(rows, ends[:-1]), np.split(values, ends[:-1])
+            )
         ]
 
     def table(self, function: Function) -> Table:

@@ -143,7 +143,9 @@ class _ChangedReferences:
         self.file = assignment.directory / "shading.cpp"
         self.text = self.file.read_text()
         self.marked = regions(self.text, self.file)
-        self.reaching: set[str] = set()  # bodies of which callers are asked, too: what they may do over again by themselves
+        self.reaching: set[str] = (
+            set()
+        )  # bodies of which callers are asked, too: what they may do over again by themselves
         bred = dict(enumerate(self._bred(), 1))
         folder = workshop.work / "changed"
         folder.mkdir()

@@ -170,7 +170,7 @@ def renormalised(function: Function, rows: np.ndarray) -> np.ndarray:
 def jittered(function: Function, rows: np.ndarray, units: float = 0.5) -> list[np.ndarray]:
     """The rows several times over, each number off by at most `units` in float32's last place; half a unit is what any
     float32 computation does to its inputs. Zeros stay zero, so that axis-aligned directions stay on the horizon; numbers of
-    a row that are equal, or opposite, stay so: a spotlight without a ramp has none, and opposite directions have no half vector."""
+    a row that are equal, or opposite, stay so: a spotlight without a ramp has none, opposite directions have no half vector."""
     rng = np.random.default_rng(JITTERS)
     whole = np.array([c.domain.type == "int" for c in function.inputs])
     size = np.where(whole, 0.0, units * 2.0**-23)

@@ -108,9 +108,13 @@ def _of_directions(names: list[str]) -> Iterator[Transform]:
     for one in names:
         yield _instead(one, f"{one} pointing the other way", lambda a, p=one: -a[p])
         for k, letter in enumerate("xyz"):
-            yield _instead(one, f"{one}.{letter} negated", lambda a, p=one, k=k: a[p] * np.where(np.arange(3) == k, -1.0, 1.0))
+            yield _instead(
+                one, f"{one}.{letter} negated", lambda a, p=one, k=k: a[p] * np.where(np.arange(3) == k, -1.0, 1.0)
+            )
         for k, axis in enumerate(("(1, 0, 0)", "(0, 1, 0)", "(0, 0, 1)")):
-            yield _instead(one, f"{axis} in the place of {one}", lambda a, p=one, k=k: np.zeros_like(a[p]) + np.eye(3)[k])
+            yield _instead(
+                one, f"{axis} in the place of {one}", lambda a, p=one, k=k: np.zeros_like(a[p]) + np.eye(3)[k]
+            )
         for factor in (0.5, 2.0):
             yield _instead(one, f"{one} {factor:g} times as long", lambda a, p=one, f=factor: f * a[p])
     for p, q in combinations(names, 2):
@@ -123,13 +127,17 @@ def _of_directions(names: list[str]) -> Iterator[Transform]:
                 one, f"{one} mirrored about {other}", lambda a, p=one, o=other: 2 * _dot(a[p], a[o]) * a[o] - a[p]
             )
             yield _instead(
-                one, f"{one} mirrored about {other} and turned round", lambda a, p=one, o=other: a[p] - 2 * _dot(a[p], a[o]) * a[o]
+                one,
+                f"{one} mirrored about {other} and turned round",
+                lambda a, p=one, o=other: a[p] - 2 * _dot(a[p], a[o]) * a[o],
             )
             yield Transform(f"with {one} mirrored about {other} and the two exchanged", lambda a, p=one, o=other: {
                 p: a[o], o: 2 * _dot(a[p], a[o]) * a[o] - a[p]})  # fmt: skip
         for one in names:
             for sign, said in ((1, "the half vector of"), (-1, "the difference of")):
-                yield _instead(one, f"{said} {p} and {q} in the place of {one}", lambda a, p=p, q=q, s=sign: _unit(a[p] + s * a[q]))
+                yield _instead(
+                    one, f"{said} {p} and {q} in the place of {one}", lambda a, p=p, q=q, s=sign: _unit(a[p] + s * a[q])
+                )
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
