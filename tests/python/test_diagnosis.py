@@ -7,10 +7,10 @@ import numpy as np
 from conftest import ROOT
 from shadelab.course.assignment import Column, Domain, Function, load_assignment
 from shadelab.course.mistakes import load_changes
-from shadelab.judge.diagnosis import diagnose
+from shadelab.judge.diagnosis import Patient, diagnose_by_search, diagnose_declared
 from shadelab.judge.functions import FunctionJudgement
 from shadelab.judge.relations import MARGIN, Candidate
-from shadelab.result import Check
+from shadelab.result import Check, Error
 from shadelab.truth.expected import Table
 from shadelab.truth.measures import function_limit, scaled_error
 
@@ -27,7 +27,7 @@ FUNCTION = Function("f", [], "Real", [], [Column("result", 0, 1, Domain())], poi
 
 def off(kind, rows=slice(None)):
     """Off by a factor of each row's own, so that no relation explains it."""
-    factors = np.random.default_rng(kind).uniform(1.5, 3, TRUTH.shape)
+    factors = np.random.default_rng(kind).uniform(kind, kind + 0.5, TRUTH.shape)
     out = TRUTH.copy()
     out[rows] *= factors[rows]
     return out
@@ -40,10 +40,18 @@ def candidate(id, output, function="f"):
 def found(actual, *known):
     wrong = scaled_error(actual, TABLE, MEMBERS).max(axis=1) > LIMIT
     check = Check(
-        id="cpp/function/f", kind="function", backend="cpp", status="failed", score=0, max_score=1, message="wrong"
+        id="cpp/function/f",
+        kind="function",
+        backend="cpp",
+        status="failed",
+        score=0,
+        max_score=1,
+        message="wrong",
+        error=Error(name="scaled", value=1, limit=LIMIT),
     )
     judgement = FunctionJudgement(check=check, table=TABLE, followed=False, wrong=wrong)
-    return diagnose(judgement, FUNCTION, actual, LIMIT, list(known), [], MEMBERS)
+    patient = Patient(FUNCTION, judgement, actual, list(known), [])
+    return diagnose_declared(patient) or diagnose_by_search(patient)
 
 
 def test_the_nearest_is_named_with_its_margin():
@@ -143,12 +151,12 @@ def test_declared_mistakes_are_named_in_whatever_words(grade, submission):
             assert "not a mistake that the grader knows" not in check["message"]
 
 
-def test_an_undeclared_mistake_is_told_by_its_worst_input(grade, submission, shadelab):
+def test_an_undeclared_mistake_is_told_by_a_relation_and_its_worst_input(grade, submission, shadelab):
     result = grade(submission(cpp=UNDECLARED, glsl=UNDECLARED), only="*/function/phong_lobe")
     for backend in ("cpp", "glsl"):
         check = result["by_id"][f"{backend}/function/phong_lobe"]
-        assert check["status"] == "failed" and check["mistake"] is None
-        assert "not a mistake that the grader knows" in check["message"]
+        assert check["status"] == "failed" and check["mistake"]["id"] == "undeclared"
+        assert check["mistake"]["hint"] == "Your values are the power 0.7 of what is expected."
         worst = check["worst"]
         assert list(worst["inputs"]) == ["n", "l", "v", "q", "h"]
         l, v, h = (np.array(worst["inputs"][name]) for name in "lvh")

@@ -46,7 +46,7 @@ def failed(checks):
 
 
 def test_a_wrong_function_costs_itself_alone(graded):
-    """Each language by its own: here the two half vectors are wrong in different ways, of which the grader knows only one."""
+    """Each language by its own: here the two half vectors are wrong in different ways, of which only one is declared."""
     checks = graded(
         only="*/function/[bhm]*",
         cpp={"half_vector": HALF.body},
@@ -55,7 +55,7 @@ def test_a_wrong_function_costs_itself_alone(graded):
     functions = {id for id in checks if "/function/" in id}
     assert failed({id: checks[id] for id in functions}) == {"cpp/function/half_vector", "glsl/function/half_vector"}
     assert checks["cpp/function/half_vector"].mistake.id == HALF.id
-    assert checks["glsl/function/half_vector"].mistake is None
+    assert checks["glsl/function/half_vector"].mistake.id == "undeclared"
     for backend in ("cpp", "glsl"):
         for name in ("blinn_lobe", "blinn_phong"):
             check = checks[f"{backend}/function/{name}"]

@@ -1,7 +1,7 @@
 """What a wrong function does, from its numbers alone. First the declared mistakes: each was evaluated on the inputs that the
 student's function is evaluated on. Then a search: what happens to the result (relations.py), the reference with one thing changed
-and the reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and several
-at once. Last, where it is wrong (places.py). What is told explains clearly better than the truth and than anything else."""
+and the reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and
+several at once. Last, where it is wrong (places.py). What is told explains clearly better than the truth and than anything else."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -11,13 +11,13 @@ import numpy as np
 
 from shadelab.course.assignment import Function
 from shadelab.judge.functions import FunctionJudgement
-from shadelab.judge.places import Place, part_of, place_of
+from shadelab.judge.places import Condition, part_of, place_of
 from shadelab.judge.relations import (
     FACTOR_OF,
     MARGIN,
     UNEXPLAINED,
     Candidate,
-    Comparison,
+    Compared,
     Explanation,
     of_curve,
     of_directions,
@@ -29,6 +29,7 @@ from shadelab.judge.relations import (
 )
 from shadelab.result import Mistake
 from shadelab.truth.expected import Expected
+from shadelab.truth.measures import function_members
 
 # Each of several explains at least this share of what is wrong, and more than the others do already.
 PART = 0.05
@@ -70,46 +71,67 @@ def hypotheses(expected: Expected, function: Function) -> list[Candidate]:
     ]
 
 
-def diagnose(
-    judgement: FunctionJudgement,
-    function: Function,
-    actual: np.ndarray,
-    limit: float,
-    declared: list[Candidate],
-    changed: list[Candidate],
-    members: list[slice],
-    right: frozenset[str] = frozenset(),
-) -> Diagnosis | None:
-    """declared, changed: see above; with follow-through there are no `changed` ones. right: functions whose own check passed:
-    they explain nothing, unless the judged one does over again what they do."""
-    search = _Search(judgement, function, actual, limit, members, changed, right)
-    found = _declared(judgement, function, actual, limit, [c for c in declared if c.function not in right], members)
-    if found is not None:
-        if found.function == function.name and (also := search.equal_to(found.mistake.id, declared)):
-            found.said = also
-        return found
-    own = [c for c in declared if c.function not in right]
+@dataclass
+class Patient:
+    """A function that failed, and all that may explain it."""
+
+    function: Function
+    judgement: FunctionJudgement
+    actual: np.ndarray  # (N, results)
+    declared: list[Candidate]
+    changed: list[Candidate]  # hypotheses; none with follow-through, where the reference is another
+    right: frozenset[str] = (
+        frozenset()
+    )  # functions whose own check passed: they explain nothing, but what does over again what they do
+
+    @property
+    def limit(self) -> float:
+        return self.judgement.check.error.limit
+
+    @property
+    def members(self) -> list[slice]:
+        return function_members(self.function)
+
+    @property
+    def written(self) -> bool:
+        """One that always gives the same is not written yet; its message says what it gives."""
+        return len(np.unique(self.actual, axis=0)) > 1
+
+
+def diagnose_declared(patient: Patient) -> Diagnosis | None:
+    """The declared mistake that it makes."""
+    found = _declared(patient, [c for c in patient.declared if c.function not in patient.right])
+    if found is not None and found.function == patient.function.name:
+        found.said = _Search(patient).equal_to(found.mistake.id)
+    return found
+
+
+def diagnose_by_search(patient: Patient) -> Diagnosis | None:
+    """What it does, where no declared mistake says it."""
+    if not patient.written:
+        return None
+    search, own = _Search(patient), [c for c in patient.declared if c.function not in patient.right]
     return (
         search.whole()
         or search.by_members()
-        or _declared(judgement, function, actual, limit, own, members, pairs=True)
+        or _declared(patient, own, pairs=True)
         or search.several()
-        or search.blamed(declared)
+        # This one does by itself, and wrongly, what a function that is right is there for.
+        or _declared(patient, patient.declared, pairs=True)
     )
 
 
-def _declared(
-    judgement: FunctionJudgement, function: Function, actual: np.ndarray, limit: float, known: list[Candidate], members: list[slice],
-    pairs: bool = False,
-) -> Diagnosis | None:  # fmt: skip
+def _declared(patient: Patient, known: list[Candidate], pairs: bool = False) -> Diagnosis | None:
     """The one declared mistake that explains what came; with `pairs`, two, each on inputs of its own."""
     if not known:
         return None
-    compared = Comparison(function, judgement.table, actual, members, limit, np.arange(len(actual)))
+    wrong, everything = patient.judgement.wrong, np.arange(len(patient.actual))
+    compared = Compared(
+        patient.function, patient.judgement.table, patient.actual, patient.members, patient.limit, everything
+    )
     explained = {c.id: compared.explained(c.output) for c in known}
     left = {id: int((~rows).sum()) for id, rows in explained.items()}
     first, *others = sorted(known, key=lambda c: left[c.id])
-    wrong = judgement.wrong
     alike = [c for c in others if _same(compared, c.output, first.output)]
     others = [c for c in others if c not in alike]
     of_truth = int(wrong.sum())
@@ -118,10 +140,10 @@ def _declared(
         hint = " Or: ".join(dict.fromkeys(c.hint for c in [first, *alike]))
         named = Mistake(id=first.id, hint=hint, margin=round(margin, 2), alike=[c.id for c in alike])
         return Diagnosis(named, first.function)
-    return _pair(known, explained, wrong, left[first.id], function.name) if pairs else None
+    return _pair(known, explained, wrong, left[first.id], patient.function.name) if pairs else None
 
 
-def _same(compared: Comparison, one: np.ndarray, other: np.ndarray) -> bool:
+def _same(compared: Compared, one: np.ndarray, other: np.ndarray) -> bool:
     return bool(compared.as_if(other).explained(one).all())
 
 
@@ -154,28 +176,16 @@ def _pair(
 
 
 class _Search:
-    def __init__(
-        self,
-        judgement: FunctionJudgement,
-        function: Function,
-        actual: np.ndarray,
-        limit: float,
-        members: list[slice],
-        changed: list[Candidate],
-        right: frozenset[str],
-    ) -> None:
-        self.judgement, self.function, self.actual, self.limit, self.members = (
-            judgement,
-            function,
-            actual,
-            limit,
-            members,
-        )
-        self.wrong = judgement.wrong
+    def __init__(self, patient: Patient) -> None:
+        self.function, self.judgement, self.actual = patient.function, patient.judgement, patient.actual
+        self.limit, self.members, self.declared = patient.limit, patient.members, patient.declared
+        self.wrong = patient.judgement.wrong
         # A function that is right is not blamed; what the judged one does over again in its place may be wrong all the same.
-        self.changed = sorted(changed, key=lambda c: (c.function != function.name, c.function in right))
-        self.everything = np.arange(len(actual))
-        self.some = next((c.rows for c in changed if not c.everywhere), np.arange(len(actual)))
+        self.changed = sorted(
+            patient.changed, key=lambda c: (c.function != patient.function.name, c.function in patient.right)
+        )
+        self.everything = np.arange(len(patient.actual))
+        self.some = next((c.rows for c in self.changed if not c.everywhere), self.everything)
 
     # --- what is told ---
 
@@ -205,13 +215,9 @@ class _Search:
         parts = self._several(self.members, self.wrong)
         return self._told("values are", parts) if parts else None
 
-    def blamed(self, declared: list[Candidate]) -> Diagnosis | None:
-        """A declared mistake of a function that is right: this one does by itself what that one is there for, and wrongly."""
-        return _declared(self.judgement, self.function, self.actual, self.limit, declared, self.members, pairs=True)
-
-    def equal_to(self, id: str, declared: list[Candidate]) -> str:
+    def equal_to(self, id: str) -> str:
         """What else gives the numbers of a declared mistake, in the search's words."""
-        one = next(c for c in declared if c.id == id)
+        one = next(c for c in self.declared if c.id == id)
         compared = self._compared(self.members, self.everything).as_if(one.output)
         for c in self.changed:
             if c.everywhere and compared.explained(self._values(c, self.everything)).all():
@@ -259,7 +265,7 @@ class _Search:
         bad, good = rng.permutation(np.flatnonzero(wrong)), rng.permutation(np.flatnonzero(~wrong))
         return np.sort(np.concatenate([bad[:SAMPLE], good[:SAMPLE]]))
 
-    def _same_there(self, compared: Comparison, wrong: np.ndarray) -> Iterator[Explanation]:
+    def _same_there(self, compared: Compared, wrong: np.ndarray) -> Iterator[Explanation]:
         """One and the same on a condition: what a gate gives that should not be there."""
         columns = [k for m in compared.members for k in range(m.start, m.stop)]
         came = np.unique(self.actual[wrong][:, columns], axis=0)
@@ -268,7 +274,7 @@ class _Search:
             values[np.ix_(place.rows, columns)] = came[0]
             yield _explanation(compared, f"{_vector(came[0])} where {place}", values, 0)
 
-    def _of_truth(self, compared: Comparison) -> Iterator[Explanation]:
+    def _of_truth(self, compared: Compared) -> Iterator[Explanation]:
         if not compared.wrong.any():
             return
         for words, values, plain in of_result(compared, compared.truth, plain=True):
@@ -351,7 +357,7 @@ class _Search:
             return Explanation(said, left & part.rows, 0, margin=float((left & part.rows).sum()))
         return None
 
-    def _inside(self, members: list[slice], place: Place, wrong: np.ndarray) -> str:
+    def _inside(self, members: list[slice], place: Condition, wrong: np.ndarray) -> str:
         """What came there."""
         columns = [k for m in members for k in range(m.start, m.stop)]
         rows = place.rows & wrong
@@ -360,7 +366,7 @@ class _Search:
             return ", and not finite there"
         return ", and not 0 there" if (truth == 0).all() else ""
 
-    def _place(self, wrong: np.ndarray, members: list[slice]) -> Place | None:
+    def _place(self, wrong: np.ndarray, members: list[slice]) -> Condition | None:
         """Beside the rows that are right."""
         table = self.judgement.table
         return place_of(self.function, table.rows, table.truth, wrong, self._tells(wrong, members))
@@ -373,8 +379,8 @@ class _Search:
         size = truth / np.maximum(np.percentile(truth, 95, axis=0), 1e-30)
         return wrong | (~self.wrong & (size > TELLS).any(axis=1))
 
-    def _compared(self, members: list[slice], rows: np.ndarray) -> Comparison:
-        return Comparison(self.function, self.judgement.table, self.actual, members, self.limit, rows)
+    def _compared(self, members: list[slice], rows: np.ndarray) -> Compared:
+        return Compared(self.function, self.judgement.table, self.actual, members, self.limit, rows)
 
     def _values(self, c: Candidate, rows: np.ndarray) -> np.ndarray:
         """What a hypothesis gives on `rows` of the table: all, or `some`."""
@@ -386,13 +392,13 @@ class _Search:
 
 
 def _explanation(
-    compared: Comparison, words: str, values: np.ndarray, plain: int, candidate: Candidate | None = None
+    compared: Compared, words: str, values: np.ndarray, plain: int, candidate: Candidate | None = None
 ) -> Explanation:
     explained = compared.explained(values)
     return Explanation(words, explained, int((~explained).sum()), candidate, plain)
 
 
-def _as_they_are(compared: Comparison, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
+def _as_they_are(compared: Compared, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
     if not known:
         return
     explained = compared.explained(np.array(values))
@@ -400,7 +406,7 @@ def _as_they_are(compared: Comparison, known: list[Candidate], values: list[np.n
         yield Explanation(f"those of the reference {c.words}", rows, int((~rows).sum()), c, 2)
 
 
-def _with_something(compared: Comparison, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
+def _with_something(compared: Compared, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
     """What happens to the result, too; of all at once on a few rows first."""
     order = np.argsort(~compared.wrong, kind="stable")[:SKETCH]
     sketch = compared.on(order)
@@ -412,7 +418,7 @@ def _with_something(compared: Comparison, known: list[Candidate], values: list[n
                     yield _explanation(compared, said, whole, 3 + plain, known[k])
 
 
-def _accepted(offers: Iterator[Explanation], compared: Comparison) -> list[Explanation]:
+def _accepted(offers: Iterator[Explanation], compared: Compared) -> list[Explanation]:
     """Those that explain all but a tenth, much better than the truth does; each with its margin over the truth."""
     wrong, out = int(compared.wrong.sum()), []
     for e in offers:

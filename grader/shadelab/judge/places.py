@@ -21,7 +21,7 @@ SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
 
 
 @dataclass(frozen=True)
-class Place:
+class Condition:
     words: str  # "n.h < 0"
     rows: np.ndarray  # (N,) bool: where it holds
 
@@ -94,13 +94,13 @@ def channels_of(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 def place_of(
     function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray | None = None
-) -> Place | None:
+) -> Condition | None:
     """The plainest condition that holds where `wrong`; None when no single quantity tells, or all is wrong. `whole`: the rows
     that are asked about (default all)."""
     whole = np.ones(len(rows), bool) if whole is None else whole
     if wrong.sum() < FEW or wrong.sum() > 0.97 * whole.sum():
         return None
-    best: tuple[float, int, Place] | None = None
+    best: tuple[float, int, Condition] | None = None
     for rank, (name, values) in enumerate(quantities(function, rows, truth).items()):
         for place in _conditions(name, values, wrong, whole):
             inside = place.rows & whole
@@ -123,9 +123,9 @@ def place_of(
 
 def part_of(
     function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray
-) -> Place | None:
+) -> Condition | None:
     """The condition, below or above a threshold, that holds for as many of the wrong rows as possible and for few others."""
-    best: tuple[int, Place] | None = None
+    best: tuple[int, Condition] | None = None
     for name, values in quantities(function, rows, truth).items():
         if name.startswith(EXPECTED) or not np.isfinite(values[whole]).all():
             continue
@@ -143,11 +143,11 @@ def part_of(
                 comparison = (
                     ("<" if inside < threshold else "<=") if sign == 1 else (">" if inside > threshold else ">=")
                 )
-                best = (count, Place(f"{name} {comparison} {_number(threshold)}", held))
+                best = (count, Condition(f"{name} {comparison} {_number(threshold)}", held))
     return best[1] if best else None
 
 
-def _conditions(name: str, values: np.ndarray, wrong: np.ndarray, whole: np.ndarray) -> Iterator[Place]:
+def _conditions(name: str, values: np.ndarray, wrong: np.ndarray, whole: np.ndarray) -> Iterator[Condition]:
     """Below or above a threshold, near a number, or exactly at one."""
     bad, good = np.sort(values[wrong]), values[whole & ~wrong]
     if not np.isfinite(bad).all():
@@ -159,14 +159,14 @@ def _conditions(name: str, values: np.ndarray, wrong: np.ndarray, whole: np.ndar
     bottom = _between(below.max() if len(below) else None, low)
     if top is not None and np.isfinite(top):
         sign = "<=" if (values[wrong] == top).any() else "<"
-        yield Place(f"{name} {sign} {_number(top)}", values <= top if sign == "<=" else values < top)
+        yield Condition(f"{name} {sign} {_number(top)}", values <= top if sign == "<=" else values < top)
     if bottom is not None and np.isfinite(bottom):
         sign = ">=" if (values[wrong] == bottom).any() else ">"
-        yield Place(f"{name} {sign} {_number(bottom)}", values >= bottom if sign == ">=" else values > bottom)
+        yield Condition(f"{name} {sign} {_number(bottom)}", values >= bottom if sign == ">=" else values > bottom)
     if high == low:
-        yield Place(f"{name} = {_number(low)}", values == low)
+        yield Condition(f"{name} = {_number(low)}", values == low)
     elif top is not None and bottom is not None and high - low < 0.5 * (np.ptp(values) or 1):
-        yield Place(f"{name} between {_number(bottom)} and {_number(top)}", (values >= bottom) & (values <= top))
+        yield Condition(f"{name} between {_number(bottom)} and {_number(top)}", (values >= bottom) & (values <= top))
 
 
 def _between(low: float | None, high: float | None) -> float | None:

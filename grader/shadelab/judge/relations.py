@@ -62,7 +62,7 @@ class Explanation:
     margin: float = 1.0
 
 
-class Comparison:
+class Compared:
     """A student's numbers in some columns on some rows of a table, beside what hypotheses give there."""
 
     def __init__(
@@ -81,13 +81,13 @@ class Comparison:
             self.tolerance = min(self.tolerance, max(limit, NEARER * float(np.median(wrong))))
         self.wrong = ~self.explained(self.truth)
 
-    def as_if(self, output: np.ndarray) -> "Comparison":
+    def as_if(self, output: np.ndarray) -> "Compared":
         """Whether something gives `output`, in the place of what came."""
         other = copy(self)
         other.actual = output.astype(np.float64)
         return other
 
-    def on(self, rows: np.ndarray) -> "Comparison":
+    def on(self, rows: np.ndarray) -> "Compared":
         """Some of the rows."""
         other = copy(self)
         for part in ("truth", "actual", "conditioning", "inputs", "wrong"):
@@ -114,7 +114,7 @@ def _columns(members: list[slice]) -> list[int]:
 # --------------------------------------------------------------------------------------- what happens to a result
 
 
-def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator[tuple[str, np.ndarray, int]]:
+def of_result(compared: Compared, output: np.ndarray, plain: bool) -> Iterator[tuple[str, np.ndarray, int]]:
     """U(output) that may be what came: words, values, and how far from plain. `plain`: output is the truth, so that factors of
     any size are looked for."""
     a, columns = compared.actual, _columns(compared.members)
@@ -169,7 +169,7 @@ def of_result(compared: Comparison, output: np.ndarray, plain: bool) -> Iterator
 FACTOR_OF = "a factor"
 
 
-def of_results(compared: Comparison, outputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def of_results(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """The like of many hypotheses at once, (C, K, results): the words of of_result, or FACTOR_OF, and the values."""
     columns = _columns(compared.members)
     with np.errstate(all="ignore"):
@@ -235,7 +235,7 @@ def of_members(function: Function, members: list[slice], truth: np.ndarray) -> I
                     yield f"{_name(function, a)} added to {said}", _with(truth, both), 1
 
 
-def of_directions(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+def of_directions(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
     """A vector that is made of the arguments' directions: which way it points, whatever its length. The coefficients are the
     smallest singular vector of what must vanish, the cross product of what came with each of them."""
     named = {p: d for p, d in directions_of(compared.function, compared.inputs).items()}
@@ -314,7 +314,7 @@ def _with(values: np.ndarray, *replaced: tuple[slice, np.ndarray]) -> np.ndarray
     return out
 
 
-def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
     """A factor made of the inputs' quantities: powers of one or two of them, forgotten or too many (the lobe times n.l); one that
     is straight in a quantity ((q + 2)/(2 pi)), or that depends on it alone; a number added to a divisor."""
     columns = _columns(compared.members)
@@ -407,7 +407,7 @@ def of_quantities(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]
                 break
 
 
-def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+def of_curve(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
     """A curve of what is expected alone: another ramp, a tone curve."""
     columns = _columns(compared.members)
     truth, came = compared.truth[:, columns].ravel(), compared.actual[:, columns].ravel()
@@ -437,7 +437,7 @@ def of_curve(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
     yield f"on a curve of their own over what is expected: {said}", values, 5
 
 
-def of_sums(compared: Comparison) -> Iterator[tuple[str, np.ndarray, int]]:
+def of_sums(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
     """A sum of two quantities, or of one and a constant: kd + e, a little kd where nothing is expected."""
     columns = _columns(compared.members)
     came = compared.actual[:, columns].ravel()

@@ -8,12 +8,11 @@ from shadelab.evidence.tasks import Asking, Evaluate
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished, without_numbers
-from shadelab.judge.diagnosis import candidates, diagnose, hypotheses
+from shadelab.judge.diagnosis import Patient, candidates, diagnose_by_search, diagnose_declared, hypotheses
 from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function
 from shadelab.judge.relations import Candidate
 from shadelab.result import Check
 from shadelab.truth.follow import FollowedSolution
-from shadelab.truth.measures import function_members
 from shadelab.truth.tables import jittered, renormalised
 from shadelab.words import listed
 
@@ -49,9 +48,8 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         for name in ledger.expected.facts.calls[function.name]
         if name in ledger.judged and ledger.judged[name].check.status == "failed"
     ]
-    members, limit = function_members(function), judgement.check.error.limit
-    known = candidates(ledger.expected, function, ledger.backend)
     followed = (yield from _follow(ledger, function, wrong)) if wrong else None
+    other = None
     if followed is not None:
         other = _by(plan, ledger, actual, followed)
         if other.check.score > judgement.check.score:
@@ -60,15 +58,17 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
             judgement.check.message = f"right, given what your {listed(wrong)} gives"
             return judgement.check
     right = frozenset(name for name, j in ledger.judged.items() if j.check.status == "passed")
+    known = candidates(ledger.expected, function, ledger.backend)
     changed = [] if judgement.followed else hypotheses(ledger.expected, function)
-    found = diagnose(judgement, function, actual, limit, known, changed, members, right)
-    written = len(np.unique(actual, axis=0)) > 1  # one that always gives the same is not written yet
-    if found is None and followed is not None and written:
+    patient = Patient(function, judgement, actual, known, changed, right)
+    found = diagnose_declared(patient)
+    if found is None and other is not None and patient.written:
         own = yield from _followed_mistakes(ledger, function, wrong)
-        found = diagnose(other, function, actual, limit, own, [], members, right)
+        found = diagnose_declared(Patient(function, other, actual, own, [], right))
+    found = found or diagnose_by_search(patient)
     check = judgement.check
     if found is None:
-        if written:
+        if patient.written:
             check.message += "; not a mistake that the grader knows"
     else:
         ledger.diagnoses[function.name] = found
