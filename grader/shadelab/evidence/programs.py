@@ -1,6 +1,7 @@
 """C++ programs beside the submission as it is graded: it in double, our solution with a student's numbers. Each is built
 when it is first asked."""
 
+import re
 import threading
 from pathlib import Path
 
@@ -8,8 +9,14 @@ from shadelab.course.assignment import Assignment
 from shadelab.errors import UserError
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Asking, BuildError, Evaluate, Output, Program, T, Task
+from shadelab.gl.client import student_text
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import shown
+
+
+def as_cpp(shader: bytes) -> str:
+    """A student's GLSL as C++: the dialects differ in their first lines alone, and in what they call a Real."""
+    return "#include <shadelab/shading.hpp>\n#line 1\n" + re.sub(r"\bfloat\b", "Real", student_text(shader))
 
 
 class Programs:
@@ -50,6 +57,10 @@ class Programs:
                 source = sandbox.folder / "source"
                 source.mkdir(exist_ok=True)
                 (source / "shading.cpp").write_text(program.text)
+            elif program.translated:
+                source = sandbox.folder / "source"
+                source.mkdir(exist_ok=True)
+                (source / "shading.cpp").write_text(as_cpp((self.submission / "shading.glsl").read_bytes()))
             try:
                 runner.build(source)
                 self.runners[program] = runner

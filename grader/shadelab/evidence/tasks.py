@@ -28,6 +28,7 @@ class Program:
     recipe: Recipe
     text: str | None = None  # our own code; None: the submission's
     what: str = "the submission"
+    translated: bool = False  # the submission's GLSL, read as C++: what compiles as both means the same
 
 
 @dataclass

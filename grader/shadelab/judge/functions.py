@@ -12,6 +12,9 @@ from shadelab.truth.expected import Table
 from shadelab.truth.measures import FACTOR, function_limit, function_members, scaled_error
 from shadelab.words import listed
 
+# What a program has right in double, on the same inputs, is no mistake of the function: another algebra loses digits in other
+# places, which is what the points for stability are for. But a function that is garbage for a larger share than this is wrong.
+GARBAGE = 0.05
 # Follow-through: the least share of the inputs for which the result differs from its most frequent value.
 VARIED = 0.01
 
@@ -31,6 +34,7 @@ class FunctionJudgement:
     table: Table  # by which it was judged: with follow-through, another truth
     followed: bool
     wrong: np.ndarray  # (N,) bool
+    finite: np.ndarray  # (N,) bool: where what came is finite
 
 
 def judge_function(
@@ -41,7 +45,9 @@ def judge_function(
     floor: float,
     actual: np.ndarray,
     followed: Followed | None = None,
+    excused: np.ndarray | None = None,
 ) -> FunctionJudgement:
+    """excused: (N,) bool, rows on which only rounding is wrong (see GARBAGE)."""
     rows, limit = table.rows, function_limit(floor, backend)
     columns, members = function.outputs, function_members(function)
     if followed is not None:
@@ -53,6 +59,8 @@ def judge_function(
         spoilt = ~np.isfinite(actual).all(axis=1)
         if followed.not_finite and spoilt.mean() < VARIED:
             error[spoilt] = 0.0
+    if excused is not None:
+        error[excused] = 0.0
     wrong = error.max(axis=1) > limit
     worst_row, worst_column = np.unravel_index(np.argmax(error), error.shape)
     largest = float(error[worst_row, worst_column])
@@ -75,7 +83,14 @@ def judge_function(
             expected=result_of(columns, table.truth[worst_row]),
             actual=result_of(columns, actual[worst_row]),
         )
-    return FunctionJudgement(check, table, followed is not None, wrong)
+    return FunctionJudgement(check, table, followed is not None, wrong, np.isfinite(actual).all(axis=1))
+
+
+def may_be_rounding(judgement: FunctionJudgement, exact: np.ndarray) -> np.ndarray | None:
+    """(N,) bool: the wrong rows that double arithmetic may excuse; None when they are too many or none. exact: rows whose inputs
+    hold no rounding, on which it excuses nothing; nor does it excuse what is not finite."""
+    asked = judgement.wrong & ~exact & judgement.finite
+    return asked if asked.any() and judgement.wrong.mean() <= GARBAGE else None
 
 
 def informative(followed: np.ndarray) -> bool:

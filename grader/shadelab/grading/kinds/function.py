@@ -4,16 +4,18 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, Function
 from shadelab.course.mistakes import load_changes, with_bodies
-from shadelab.evidence.tasks import Asking, Evaluate
+from shadelab.evidence.tasks import Asking, Evaluate, Program
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished, without_numbers
 from shadelab.judge.diagnosis import Patient, candidates, diagnose_by_search, diagnose_declared, hypotheses
-from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function
+from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function, may_be_rounding
 from shadelab.judge.relations import Candidate
+from shadelab.judge.words import percent_of
+from shadelab.machine.build import DOUBLE
 from shadelab.result import Check
 from shadelab.truth.follow import FollowedSolution
-from shadelab.truth.tables import jittered, renormalised
+from shadelab.truth.tables import jittered, on_gate, renormalised
 from shadelab.words import listed
 
 NAME = "function"
@@ -41,6 +43,8 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
     """By the truth; or else by the truth with what the student's own functions gave, of which some are wrong."""
     function = plan.item
     judgement = ledger.judged[function.name] = _by(plan, ledger, actual)
+    if judgement.check.status == "failed":
+        judgement = ledger.judged[function.name] = yield from _without_rounding(plan, ledger, actual, judgement)
     if judgement.check.status == "passed":
         return judgement.check
     wrong = [
@@ -82,9 +86,35 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
     return check
 
 
-def _by(plan: Plan, ledger: Ledger, actual: np.ndarray, followed: Followed | None = None) -> FunctionJudgement:
+def _by(
+    plan: Plan, ledger: Ledger, actual: np.ndarray, followed: Followed | None = None, excused: np.ndarray | None = None
+) -> FunctionJudgement:
     table, floor = ledger.expected.table(plan.item), ledger.expected.floor(plan.item, ledger.backend)
-    return judge_function(plan.item, ledger.backend, plan.points, table, floor, actual, followed)
+    return judge_function(plan.item, ledger.backend, plan.points, table, floor, actual, followed, excused)
+
+
+def _without_rounding(
+    plan: Plan, ledger: Ledger, actual: np.ndarray, judgement: FunctionJudgement
+) -> Asking[FunctionJudgement]:
+    """The judgement without the rows that the same text has right in double."""
+    function, table = plan.item, judgement.table
+    asked = may_be_rounding(judgement, on_gate(function, table.drawn, len(table.rows)))
+    if asked is None:
+        return judgement
+    program = Program(DOUBLE, translated=ledger.backend == "glsl")
+    output = yield Evaluate(function, renormalised(function, table.rows[asked]), program=program)
+    if output.array is None:  # GLSL that is no C++
+        return judgement
+    in_double = actual.astype(np.float64)
+    in_double[asked] = output.array
+    right = ~_by(plan, ledger, in_double).wrong
+    excused = asked & right
+    if not excused.any():
+        return judgement
+    other = _by(plan, ledger, actual, excused=excused)
+    if other.check.status == "passed":
+        other.check.message = f"{percent_of(float(excused.mean()))} of the inputs are right in double arithmetic only"
+    return other
 
 
 # ------------------------------------------------------------------------------------------------- follow-through
