@@ -135,8 +135,6 @@ def test_function_limits_differ_by_backend():
 
 def test_function_messages():
     lobe = PHONG.function("phong_lobe")
-    check, _, _ = judged(lobe, "cpp", lambda t, rows: 2 * t)
-    assert "always 2 times what is expected" in check.message
     check, _, _ = judged(lobe, "cpp", lambda t, rows: 0 * t)
     assert "yours is always 0" in check.message
 
@@ -146,7 +144,7 @@ def test_function_messages():
         return t
 
     check, rows, truth = judged(lobe, "cpp", wrong_below)
-    assert "only where l does not point above the surface (n.l <= 0)" in check.message
+    assert "only where n.l <= 0" in check.message
     n, l = np.array(check.worst.inputs["n"]), np.array(check.worst.inputs["l"])
     assert n @ l <= 0 and check.worst.actual[0] == pytest.approx(check.worst.expected[0] + 1)
 

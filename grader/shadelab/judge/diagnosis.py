@@ -1,7 +1,7 @@
 """What a wrong function does, from its numbers alone. First the declared mistakes: each was evaluated on the inputs that the
 student's function is evaluated on. Then a search: what happens to the result (relations.py), the reference with one thing changed
 and the reference on changed arguments (the hypotheses of the expected data), for all of the result or member by member, and
-several at once. Last, where it is wrong (places.py). What is told explains clearly better than the truth and than anything else."""
+several at once. Last, where it is wrong (places.py). What is told explains clearly better than the truth and than the rest."""
 
 import re
 from collections.abc import Iterator, Mapping

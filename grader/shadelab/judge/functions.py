@@ -6,6 +6,7 @@ import numpy as np
 
 from shadelab.course.assignment import Function, named_arrays
 from shadelab.judge.credit import credit
+from shadelab.judge.places import place_of
 from shadelab.judge.words import finite_or_none, halfway, numbers, percent_of, result_of
 from shadelab.result import Check, Error, Worst
 from shadelab.truth.expected import Table
@@ -124,35 +125,11 @@ def _describe_function(
     parts.append(f"wrong for {where}")
     if not_finite := int((~np.isfinite(actual) & np.isfinite(truth)).any(axis=1).sum()):
         parts.append(f"not finite for {not_finite} of {len(rows)} inputs")
-    for sentence in (_side(function, rows, bad), _relation(truth, actual, error, limit)):
-        if sentence:
-            parts.append(sentence)
+    if (same := np.unique(actual, axis=0)).shape[0] == 1:
+        constant = same[0].tolist()
+        said = f"{constant[0]:.4g}" if len(set(constant)) == 1 else f"({', '.join(f'{v:.4g}' for v in constant)})"
+        parts.append(f"yours is always {said}")
+    elif condition := place_of(function, rows, truth, bad):
+        exactly = not (bad & ~condition.rows).any()
+        parts.append(f"{'only' if exactly else 'nearly only'} where {condition}")
     return "; ".join(parts)
-
-
-def _side(function: Function, rows: np.ndarray, bad: np.ndarray) -> str:
-    """Whether the wrong inputs are those with a direction below the surface: the sign of a missing gate or clamp."""
-    inputs = named_arrays(function.inputs, rows)
-    for value in function.values:
-        if value.domain.kind == "upper":
-            cosine = np.sum(inputs[value.name] * inputs[value.domain.base], axis=1)
-            below = cosine >= 0 if value.domain.opposite else cosine <= 0
-            if not (bad & ~below).any():
-                cosine = f"({value.domain.base}.{value.name} {'>=' if value.domain.opposite else '<='} 0)"
-                if value.domain.opposite:
-                    return f"only where {value.name} points the way of {value.domain.base} {cosine}"
-                return f"only where {value.name} does not point above the surface {cosine}"
-    return ""
-
-
-def _relation(truth: np.ndarray, actual: np.ndarray, error: np.ndarray, limit: float) -> str:
-    """A constant factor between what came and what was expected, where there is one. Judged where the truth is not small."""
-    scale = np.percentile(np.abs(truth), 95)
-    use = np.isfinite(actual) & (np.abs(truth) > 0.05 * scale) & (error > limit)
-    if use.sum() < 20:
-        return ""
-    ratio = actual[use] / truth[use]
-    low, middle, high = np.percentile(ratio, [5, 50, 95])
-    if high - low > 0.01 * abs(middle) + 1e-6:
-        return ""
-    return "yours is always 0" if middle == 0 else f"yours is always {middle:.4g} times what is expected"

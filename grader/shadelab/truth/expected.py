@@ -3,7 +3,8 @@
 In its folder stand
     facts.json          what holds for the whole assignment: which functions call which, the measured spread of correct programs
     extremes.npz        per function: the members of its StableTable, for stability
-    functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64)
+    functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64), and
+                        FUNCTION.scenes, of which scene each row is
     mistakes.npz        ID/BACKEND/FUNCTION: what the declared mistakes give for the same inputs
     hypotheses.npz      per function, one after the other: what the reference gives with one thing changed
     SCENE.npz           the film's layers (float32), the mask of pixels that are judged, and the noise of each pixel
@@ -53,6 +54,9 @@ class Table:
     truth: np.ndarray  # (N, results) float64
     conditioning: np.ndarray  # as truth: how far rounding of the inputs alone moves it
     drawn: int
+    scenes: np.ndarray | None = (
+        None  # (N,) of which recorded scene a row is, by its place in Facts.recorded; -1: of none
+    )
 
     @cached_property
     def scales(self) -> list[float]:
@@ -71,6 +75,9 @@ class Hypothesis:
     everywhere: bool  # whether it equals the truth on all other rows; else nothing is known of them
 
 
+TABLE = ("rows", "truth", "conditioning", "scenes")
+
+
 @dataclass
 class Facts:
     calls: dict[str, list[str]]  # function -> those of the assignment that it calls, directly or through others
@@ -79,6 +86,7 @@ class Facts:
     spread: dict[str, dict[str, dict[str, float]]]
     mistakes: list[dict[str, str]]  # id, function and hint of each
     gl: str  # the driver that the spread was measured with
+    recorded: list[str]  # the scenes of which tables hold rows
     cases: dict[str, list[str]]  # function -> the names of its cases for stability
     driver: dict[str, float]  # how far its own functions are off: exp, log, pow5, sin, inversesqrt
 
@@ -122,7 +130,7 @@ class Expected:
         ]
 
     def table(self, function: Function) -> Table:
-        parts = {part: self.functions[f"{function.name}.{part}"] for part in ("rows", "truth", "conditioning")}
+        parts = {part: self.functions[f"{function.name}.{part}"] for part in TABLE}
         return Table(**parts, drawn=int(self.functions["drawn"]))
 
     @cached_property

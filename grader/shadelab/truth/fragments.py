@@ -11,15 +11,15 @@ PER_SCENE = 256
 
 def recorded_rows(
     assignment: Assignment, scenes: list[Scene], truths: dict[str, SceneTruth], seed: int
-) -> dict[str, list[np.ndarray]]:
-    """By function, the rows of each scene: some fragments of it, each under one of its lights."""
-    out: dict[str, list[np.ndarray]] = {}
+) -> dict[str, dict[str, np.ndarray]]:
+    """By scene and function, rows: some fragments of the scene, each under one of its lights."""
+    out: dict[str, dict[str, np.ndarray]] = {}
     functions = {f.name: f for f in assignment.functions}
     rng = np.random.default_rng(seed)
     for scene in scenes:
         if scene.hidden:
             continue  # their lights and materials are not to be found in a release
-        truth, described = truths[scene.name], scene.described
+        truth, described, rows = truths[scene.name], scene.described, {}
         ids = truth.layers["id"][..., 0]
         ys, xs = np.nonzero((ids > 0) & (truth.mask == INTERIOR))
         if not len(ys) or not len(described.lights):
@@ -36,10 +36,11 @@ def recorded_rows(
             model = functions.get(each.model)
             if model is not None:
                 own = {model.values[0].name: np.tile(as_float(each.parameters), (PER_SCENE, 1))}
-                _append(out, model, {**values, **own}, ids[place] == number)
+                _append(rows, model, {**values, **own}, ids[place] == number)
         light = functions.get(assignment.light_function)
         if light is not None:
-            _append(out, light, values, np.ones(PER_SCENE, bool))
+            _append(rows, light, values, np.ones(PER_SCENE, bool))
+        out[scene.name] = {name: np.vstack(parts) for name, parts in rows.items()}
     return out
 
 
@@ -68,7 +69,9 @@ def as_float(numbers: np.ndarray) -> np.ndarray:
     return numbers.astype(np.float32).astype(np.float64)
 
 
-def _append(out: dict, function: Function, values: dict[str, np.ndarray], chosen: np.ndarray) -> None:
+def _append(
+    out: dict[str, list[np.ndarray]], function: Function, values: dict[str, np.ndarray], chosen: np.ndarray
+) -> None:
     """A row of the function for each chosen fragment, where the fragments have all that it takes."""
     if not chosen.any() or any(v.name not in values for v in function.values):
         return

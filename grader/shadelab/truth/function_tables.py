@@ -21,8 +21,8 @@ DOUBLE = Recipe(double=True, loops=())
 
 def make_tables(
     workshop: Workshop, scenes: list[Scene], truths: dict[str, SceneTruth], seed: int
-) -> tuple[dict[str, Table], dict[str, list[str]]]:
-    """By function its table, and which functions it calls."""
+) -> tuple[dict[str, Table], dict[str, list[str]], list[str]]:
+    """By function its table, and which functions it calls; the scenes of which tables hold rows."""
     assignment = workshop.assignment
     with workshop.step("tables"):
         text = (assignment.directory / "shading.cpp").read_text()
@@ -36,17 +36,20 @@ def make_tables(
         tables, calls = {}, {}
         # Callees are defined before their callers: from the last function on, what a scene asks of one reaches those it calls.
         for function in reversed(assignment.functions):
-            rows = _some(recorded.get(function.name, []), len(function.inputs), seed)
             calls[function.name] = sorted(
                 programs.answer_all(solution.calls(function, renormalised(function, drawn[function.name])))
             )
-            if len(rows):
-                for name, arguments in programs.answer_all(
-                    solution.calls(function, renormalised(function, rows))
-                ).items():
-                    recorded.setdefault(name, []).append(arguments)
+            asked = {}
+            for scene, of_scene in recorded.items():
+                if function.name in of_scene:
+                    asked[scene] = of_scene[function.name]
+                    called = solution.calls(function, renormalised(function, asked[scene]))
+                    for name, arguments in programs.answer_all(called).items():
+                        of_scene[name] = np.vstack([of_scene[name], arguments]) if name in of_scene else arguments
+            rows, origin = _some(asked, list(recorded), len(function.inputs), seed)
             tables[function.name] = _judged(workshop, function, drawn[function.name], rows, forms)
-        return {f.name: tables[f.name] for f in assignment.functions}, calls
+            tables[function.name].scenes = np.concatenate([np.full(len(drawn[function.name]), -1), origin])
+        return {f.name: tables[f.name] for f in assignment.functions}, calls, list(recorded)
 
 
 def _judged(
@@ -68,10 +71,12 @@ def _judged(
     return Table(rows, truth, conditioning, len(drawn))
 
 
-def _some(parts: list[np.ndarray], columns: int, seed: int) -> np.ndarray:
-    """At most FRAGMENTS rows, as many of each part."""
-    if not parts:
-        return np.empty((0, columns), np.float32)
-    each = max(1, FRAGMENTS // len(parts))
+def _some(asked: dict[str, np.ndarray], scenes: list[str], columns: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most FRAGMENTS rows, as many of each scene; and the number of the scene that each is of."""
+    if not asked:
+        return np.empty((0, columns), np.float32), np.empty(0, int)
+    each = max(1, FRAGMENTS // len(asked))
     rng = np.random.default_rng(seed)
-    return np.vstack([part[rng.permutation(len(part))[:each]] for part in parts])[:FRAGMENTS]
+    chosen = {scene: rows[rng.permutation(len(rows))[:each]] for scene, rows in asked.items()}
+    origin = np.concatenate([np.full(len(rows), scenes.index(scene)) for scene, rows in chosen.items()])
+    return np.vstack(list(chosen.values()))[:FRAGMENTS], origin[:FRAGMENTS]

@@ -20,7 +20,7 @@ from shadelab.machine.build import Recipe
 from shadelab.paths import EXPECTED, SHIPPED
 from shadelab.truth.digest import digest
 from shadelab.truth.driver import measure_driver
-from shadelab.truth.expected import Expected, Facts
+from shadelab.truth.expected import TABLE, Expected, Facts
 from shadelab.truth.function_tables import make_tables
 from shadelab.truth.hypotheses import make_hypotheses
 from shadelab.truth.programs import Spread, correct_programs, record_mistakes, run_program
@@ -85,7 +85,7 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
     loops = tuple(sorted({loop for scene in scenes for loop in scene.described.needs.loops}))
     double = workshop.solution(Recipe(double=True, functions=False, loops=loops))
     truths = {scene.name: make_truth(workshop, scene, double) for scene in scenes}
-    tables, calls = make_tables(workshop, scenes, truths, PUBLIC_SEED)
+    tables, calls, recorded = make_tables(workshop, scenes, truths, PUBLIC_SEED)
     cases = make_stable_tables(workshop, PUBLIC_SEED)
     driver = measure_driver(workshop)
     # Function by function and scene by scene, what other correct programs and the mistakes give: two at a time.
@@ -94,16 +94,16 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
         mistakes = pool.map(lambda backend: record_mistakes(workshop, changes, tables, calls, backend), ("cpp", "glsl"))
         programs = correct_programs(changes)
         drawn = list(pool.map(lambda program: run_program(workshop, program, tables, scenes, loops, spread), programs))
-        recorded = {key: array for arrays in mistakes for key, array in arrays.items()}
-    np.savez_compressed(folder / "mistakes.npz", **recorded)
+        mistaken = {key: array for arrays in mistakes for key, array in arrays.items()}
+    np.savez_compressed(folder / "mistakes.npz", **mistaken)
     np.savez_compressed(folder / "hypotheses.npz", **make_hypotheses(workshop, tables, calls))
     for scene in scenes:
         finish_scene(workshop, scene, truths[scene.name], double, drawn)
     hints = [{"id": m.id, "function": m.function, "hint": m.hint} for m in changes.mistake]
-    facts = Facts(calls, list(loops), spread.errors, hints, spread.gl, cases, driver)
+    facts = Facts(calls, list(loops), spread.errors, hints, spread.gl, recorded, cases, driver)
     (folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
     arrays = {"drawn": np.array(next(iter(tables.values())).drawn)}
     for name, table in tables.items():
-        for part in ("rows", "truth", "conditioning"):
+        for part in TABLE:
             arrays[f"{name}.{part}"] = getattr(table, part)
     np.savez(folder / "functions.npz", **arrays)

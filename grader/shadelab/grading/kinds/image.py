@@ -39,7 +39,7 @@ def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     output = yield Draw(scene, ledger.expected.packet(scene), frames=frames)
     check = _judge(plan, ledger, output)
     if check.status == "failed":
-        _blame(check, ledger, used)
+        _blame(check, ledger, scene, used)
     return finished(check, output)
 
 
@@ -73,13 +73,23 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
     return check
 
 
-def _blame(check: Check, ledger: Ledger, used: set[str]) -> None:
-    """Of the functions that the scene draws with, the first that is wrong explains the picture."""
-    functions = [f.name for f in ledger.assignment.functions if f.name in used]
-    named = [name for name in functions if name in ledger.diagnoses]
+def _blame(check: Check, ledger: Ledger, scene: Scene, used: set[str]) -> None:
+    """Of the functions that the scene draws with, the first that is wrong on what the scene asks explains the picture."""
+    wrong = [f.name for f in ledger.assignment.functions if f.name in used and f.name in ledger.judged]
+    wrong = [name for name in wrong if ledger.judged[name].check.status == "failed"]
+    if scene.name in ledger.expected.facts.recorded:
+        number = ledger.expected.facts.recorded.index(scene.name)
+        here = [
+            name for name in wrong if (ledger.judged[name].wrong & (ledger.judged[name].table.scenes == number)).any()
+        ]
+        wrong = here or wrong  # of a scene's fragments a table holds some
+    named = [name for name in wrong if name in ledger.diagnoses]
     if named:
         check.mistake = ledger.diagnoses[named[0]].mistake
-    check.because = [id for name in functions if ledger.failed(id := f"{ledger.backend}/function/{name}")]
+    check.because = [f"{ledger.backend}/function/{name}" for name in wrong]
+    checked = {f.name for f in ledger.assignment.functions if f.graded} & used
+    if not wrong and checked and checked <= set(ledger.judged):
+        check.message += "; its functions are right by themselves: does one keep a state, or ask which pixel it is?"
     if check.because:
         names = [id.split("/")[-1] for id in check.because]
         check.message += f"; it is drawn with {listed(names)}, which {'is' if len(names) == 1 else 'are'} wrong"
