@@ -11,8 +11,6 @@ body = '''...'''                  # stands in both languages; cpp and glsl overr
 id = "slide-formulas"             # this one is what the slides say to the letter; it also measures how far that strays
 bodies = { phong_lobe = '''...''' }
 
-mutate = ["phong"]                # at the top: check also changes single tokens of these functions and of those they call
-
 [[equivalent]]                    # a mutant of these that computes the same as the solution
 id = "phong_lobe: ..."            # as check prints it
 reason = "..."
@@ -65,7 +63,6 @@ class Equivalent(Declared):
 
 
 class Changes(Declared):
-    mutate: list[str] = []
     mistake: list[Change] = []
     variant: list[Change] = []
     equivalent: list[Equivalent] = []
@@ -85,9 +82,6 @@ def load_changes(assignment: Assignment) -> Changes:
         for function in change.bodies_for("cpp"):
             if function not in names:
                 raise UserError(f"{shown(file)}: {change.id}: {assignment.name} has no function {function}")
-    for function in changes.mutate:
-        if function not in names:
-            raise UserError(f"{shown(file)}: mutate: {assignment.name} has no function {function}")
     for mistake in changes.mistake:
         if not mistake.hint or not mistake.function:
             raise UserError(f"{shown(file)}: {mistake.id}: a mistake needs its function and a hint")

@@ -60,7 +60,7 @@ class Recipe:
         if self.half:
             return _half
         if self.many:
-            return [*_double, "-O0", "-w"]
+            return [*(_double if self.double else _float), "-O0", "-w"]
         if self.double:
             return [*_double, "-O3", *self._architecture()] if self.columns else _double
         if self.contract:

@@ -10,17 +10,18 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment
 from shadelab.course.mistakes import load_changes, regions, with_bodies
-from shadelab.course.mutants import Mutant, mutants
+from shadelab.course.mutants import Mutant, Scope, mutants
 from shadelab.errors import UserError
-from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.glsl import GlslRunner
-from shadelab.evidence.tasks import BuildError, Evaluate
+from shadelab.evidence.tasks import Evaluate
 from shadelab.judge.functions import judge_function
-from shadelab.machine.build import FUNCTIONS
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import shown
-from shadelab.truth.expected import Expected, with_callees, with_callers
+from shadelab.truth.expected import Expected, with_callers
+from shadelab.truth.many import ManyBodies
 from shadelab.words import FILES
+
+THREADS = 2
 
 
 @dataclass
@@ -35,25 +36,24 @@ class Mutation:
 
 
 def mutate(assignment: Assignment, expected: Expected, folder: Path, progress) -> list[Mutation]:
-    """`mutate` in mistakes.toml names the functions; those that they call are mutated with them."""
+    """Every graded function's."""
     changes = load_changes(assignment)
-    targets = with_callees(set(changes.mutate), expected.facts.calls) & {
-        f.name for f in assignment.functions if f.graded
-    }
-    if not targets:
-        return []
     out, stale = [], {e.id for e in changes.equivalent}
     for backend, name in FILES.items():
         source = assignment.directory / name
         text = source.read_text()
         marked = regions(text, source)
-        bred = [m for f in assignment.functions if f.name in targets for m in mutants(f.name, marked[f.name]["body"])]
-        files = [folder / backend / str(number) / name for number in range(len(bred))]
-        for mutant, file in zip(bred, files):
-            file.parent.mkdir(parents=True)
-            file.write_text(with_bodies(text, source, {mutant.function: mutant.body}))
+        bred = [
+            mutant
+            for function in assignment.functions
+            if function.graded and function.name in marked
+            for mutant in mutants(function.name, marked[function.name]["body"], Scope.of(assignment, function, text))
+            if not mutant.slip
+        ]
+        if not bred:
+            continue
         judge = _judge_cpp if backend == "cpp" else _judge_glsl
-        verdicts = judge(assignment, expected, bred, files, folder, progress)
+        verdicts = judge(assignment, expected, bred, folder / backend, progress)
         listed = {e.id for e in changes.equivalent}
         alive = [m.id for m, verdict in zip(bred, verdicts) if verdict == "alive"]
         stale -= set(alive)
@@ -81,31 +81,39 @@ def _killed(expected: Expected, function, backend: str, array: np.ndarray) -> bo
     return bool(judge_function(function, backend, 1.0, table, floor, array).wrong.any())
 
 
-def _judge_cpp(assignment, expected, bred: list[Mutant], files: list[Path], folder: Path, progress) -> list[str]:
+def _judge_cpp(assignment, expected, bred: list[Mutant], folder: Path, progress) -> list[str]:
+    progress(f"{assignment.name}: mutants, C++", 0, len(bred))
+    many = ManyBodies(assignment, folder, dict(enumerate(bred)), double=False)
     done = 0
 
-    def verdict(item: tuple[Mutant, Path]) -> str:
+    def verdicts(part: int) -> dict[int, str]:
         nonlocal done
-        mutant, file = item
-        runner = CppRunner(assignment, Sandbox(folder / "sandboxes" / file.parent.name), FUNCTIONS)
-        done += 1
-        progress(f"{assignment.name}: mutants, C++", done, len(bred))
-        try:
-            runner.build(file.parent)
-        except BuildError:
-            return "stillborn"
-        for function in _affected(assignment, expected, mutant):
-            output = runner.evaluate(Evaluate(function, expected.table(function).rows))
-            if output.array is None or _killed(expected, function, "cpp", output.array):
-                return "killed"
-        return "alive"
+        runner, out = many.runner(f"thread-{part}"), {}
+        for number in list(many.bodies)[part::THREADS]:
+            many.choose(runner, number)
+            out[number] = "alive"
+            for function in _affected(assignment, expected, bred[number]):
+                output = runner.evaluate(Evaluate(function, expected.table(function).rows))
+                if output.array is None or _killed(expected, function, "cpp", output.array):
+                    out[number] = "killed"
+                    break
+            done += 1
+            progress(f"{assignment.name}: mutants, C++", done, len(bred))
+        return out
 
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(verdict, zip(bred, files)))
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = {number: verdict for part in pool.map(verdicts, range(THREADS)) for number, verdict in part.items()}
+    return [found.get(number, "stillborn") for number in range(len(bred))]
 
 
-def _judge_glsl(assignment, expected, bred: list[Mutant], files: list[Path], folder: Path, progress) -> list[str]:
+def _judge_glsl(assignment, expected, bred: list[Mutant], folder: Path, progress) -> list[str]:
     """In a few client processes; a mutant's own function first, and those that call it only for the survivors."""
+    source = assignment.directory / FILES["glsl"]
+    text = source.read_text()
+    files = [folder / str(number) / FILES["glsl"] for number in range(len(bred))]
+    for mutant, file in zip(bred, files):
+        file.parent.mkdir(parents=True)
+        file.write_text(with_bodies(text, source, {mutant.function: mutant.body}))
     verdicts = ["alive"] * len(bred)
     pending = [(k, 0) for k in range(len(bred))]
     while pending:
@@ -116,12 +124,12 @@ def _judge_glsl(assignment, expected, bred: list[Mutant], files: list[Path], fol
         def run(part: int, tasks=tasks, outputs=outputs) -> None:
             runner = GlslRunner(assignment, Sandbox(folder / "sandboxes" / f"glsl-{part}"))
             runner.take(files[0].parent)
-            for index, (_, output) in zip(range(part, len(tasks), 2), runner.run(tasks[part::2])):
+            for index, (_, output) in zip(range(part, len(tasks), THREADS), runner.run(tasks[part::THREADS])):
                 outputs[index] = output
                 progress(f"{assignment.name}: mutants, GLSL", sum(o is not None for o in outputs), len(tasks))
 
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(run, range(min(2, len(tasks)))))
+        with ThreadPoolExecutor(THREADS) as pool:
+            list(pool.map(run, range(min(THREADS, len(tasks)))))
         again = []
         for (k, place), function, output in zip(pending, functions, outputs):
             if output.array is None:

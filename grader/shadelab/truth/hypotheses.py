@@ -3,6 +3,7 @@ changed arguments (transforms.py), evaluated on the tables when expected data is
 is told what is changed; diagnosis.py decides. Everything comes from the declaration and the solution's text."""
 
 import re
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,8 +12,9 @@ from shadelab.course.assignment import Function, named_arrays
 from shadelab.course.mistakes import load_changes, regions
 from shadelab.course.mutants import Mutant, Scope, mutants
 from shadelab.evidence.tasks import Evaluate
-from shadelab.machine.build import DOUBLE, Recipe, broken_lines
+from shadelab.machine.build import DOUBLE
 from shadelab.truth.expected import Hypothesis, Table, with_callers
+from shadelab.truth.many import ManyBodies
 from shadelab.truth.measures import function_members, scaled_error
 from shadelab.truth.tables import renormalised
 from shadelab.truth.transforms import Transform, transforms
@@ -25,11 +27,6 @@ NARROW, KEPT = 1500, 512
 SAME = 1e-5
 BODIES = 3  # of a function: its own and its first variants', of which mutants are bred
 ROWS_AT_ONCE = 200_000
-CHANGED = Recipe(double=True, loops=(), many=True)
-CHOOSE = """\
-#include <cstdlib>
-static const int shadelab_chosen = std::atoi(std::getenv("SHADELAB_CHOSEN"));
-"""
 
 
 def make_hypotheses(workshop: Workshop, tables: dict[str, Table], calls: dict[str, list[str]]) -> dict[str, np.ndarray]:
@@ -55,12 +52,8 @@ def _of_function(
     for sister in _sisters(workshop, function):
         output = workshop.solution(DOUBLE).evaluate(Evaluate(sister, exact))
         kept.add(f"with {sister.name} in the place of {function.name}", function.name, output.array)
-    runner = workshop.cpp(changed.folder, CHANGED)
-    for number, mutant in changed.of(function, calls):
-        runner.environment = {"SHADELAB_CHOSEN": str(number)}
-        output = runner.evaluate(Evaluate(function, exact))
-        if output.array is not None:
-            kept.add(mutant.words, mutant.function, output.array)
+    for mutant, output in changed.outputs(function, calls, exact):
+        kept.add(mutant.words, mutant.function, output)
     return {f"{function.name}.{part}": array for part, array in kept.arrays().items()}
 
 
@@ -73,13 +66,13 @@ def _sisters(workshop: Workshop, function: Function) -> list[Function]:
     return [f for f in workshop.assignment.functions if f.name != function.name and signature(f) == signature(function)]
 
 
-def _transformed(workshop: Workshop, function: Function, exact: np.ndarray):
+def _transformed(workshop: Workshop, function: Function, exact: np.ndarray) -> Iterator[tuple[Transform, np.ndarray]]:
     """Many to a run: a process takes longer to start than to evaluate some thousand rows."""
     runner = workshop.solution(DOUBLE)
     arrays = named_arrays(function.inputs, exact)
     pending: list[tuple[Transform, np.ndarray]] = []
 
-    def run():
+    def run() -> Iterator[tuple[Transform, np.ndarray]]:
         inputs = np.concatenate([rows for _, rows in pending])
         output = runner.evaluate(Evaluate(function, inputs))
         if output.array is not None:
@@ -135,40 +128,27 @@ class _Kept:
 
 
 class _ChangedReferences:
-    """All mutants in one program, which is told by its environment which one it is: to compile each alone would take an hour."""
+    """The mutants that have words, in one program."""
 
     def __init__(self, workshop: Workshop) -> None:
-        self.workshop = workshop
-        assignment = workshop.assignment
-        self.file = assignment.directory / "shading.cpp"
-        self.text = self.file.read_text()
-        self.marked = regions(self.text, self.file)
+        self.assignment = workshop.assignment
         self.reaching: set[str] = (
             set()
-        )  # bodies of which callers are asked, too: what they may do over again by themselves
-        bred = dict(enumerate(self._bred(), 1))
-        folder = workshop.work / "changed"
-        folder.mkdir()
-        while True:
-            (folder / "shading.cpp").write_text(CHOOSE + self._program(bred))
-            said = broken_lines(assignment.glue, folder / "shading.cpp", workshop.sandbox(), CHANGED)
-            broken = {int(number) for number in re.findall(r"^mutant-(\d+):", said, re.MULTILINE)}
-            if not broken & set(bred):
-                break
-            bred = {number: mutant for number, mutant in bred.items() if number not in broken}
-        self.mutants, self.folder = bred, folder
-        workshop.cpp(folder, CHANGED, "the solution with all mutants")  # compiled here, before two threads want it
+        )  # bodies of which callers are asked, too: what they may do over again themselves
+        self.many = ManyBodies(
+            self.assignment, workshop.work / "changed", dict(enumerate(self._bred(), 1)), double=True
+        )
 
     def _bred(self) -> list[Mutant]:
         """Of each function's own body and of variants', for another algebra has other places to go wrong. Loops are left out: a
         mutant of one may never end."""
-        assignment, out = self.workshop.assignment, {}
-        for function in assignment.functions:
-            if function.name not in self.marked:
-                continue
-            scope = Scope.of(assignment, function, self.text)
-            bodies = [self.marked[function.name]["body"]]
-            bodies += [v.bodies_for("cpp").get(function.name, "") for v in load_changes(assignment).variant]
+        out: dict[tuple[str, str], Mutant] = {}
+        source = self.assignment.directory / "shading.cpp"
+        text, variants = source.read_text(), load_changes(self.assignment).variant
+        marked = regions(text, source)
+        for function in (f for f in self.assignment.functions if f.name in marked):
+            scope = Scope.of(self.assignment, function, text)
+            bodies = [marked[function.name]["body"], *(v.bodies_for("cpp").get(function.name, "") for v in variants)]
             plain = [body for body in bodies if body and not re.search(r"\b(for|while)\b", body)]
             for number, body in enumerate(plain[:BODIES]):
                 for mutant in mutants(function.name, body, scope):
@@ -178,24 +158,19 @@ class _ChangedReferences:
         # Constants last: of two that give the same numbers the first is told, and "4 for 5" tells least.
         return sorted(out.values(), key=lambda mutant: "constant" in mutant.words)
 
-    def _program(self, bred: dict[int, Mutant]) -> str:
-        text = self.text
-        for name in sorted(self.marked, key=lambda n: -self.marked[n].start()):
-            cases = "".join(
-                f'case {number}: {{\n#line 1 "mutant-{number}"\n{mutant.body}\n}} break;\n'
-                for number, mutant in bred.items()
-                if mutant.function == name
-            )
-            start = self.marked[name].start()
-            text = f"{text[:start]}switch (shadelab_chosen) {{\n{cases}}}\n{text[start:]}" if cases else text
-        return text
-
-    def of(self, function: Function, calls: dict[str, list[str]]) -> list[tuple[int, Mutant]]:
-        """Those that may change what this function gives, its own first."""
+    def outputs(
+        self, function: Function, calls: dict[str, list[str]], rows: np.ndarray
+    ) -> Iterator[tuple[Mutant, np.ndarray]]:
+        """What this function gives with those that may change it, its own first."""
+        runner = self.many.runner(function.name)
         reach = [
             (number, mutant)
-            for number, mutant in self.mutants.items()
+            for number, mutant in self.many.bodies.items()
             if mutant.function == function.name
             or (mutant.body in self.reaching and function.name in with_callers({mutant.function}, calls))
         ]
-        return sorted(reach, key=lambda item: item[1].function != function.name)
+        for number, mutant in sorted(reach, key=lambda item: item[1].function != function.name):
+            self.many.choose(runner, number)
+            output = runner.evaluate(Evaluate(function, rows))
+            if output.array is not None:
+                yield mutant, output.array

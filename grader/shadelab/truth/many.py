@@ -1,0 +1,63 @@
+"""Thousands of bodies of the solution's functions in one program, which is told by its environment which one it is to be: to
+compile each alone would take an hour. For our own text only."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from shadelab.course.assignment import Assignment
+from shadelab.course.mistakes import regions
+from shadelab.course.mutants import Mutant
+from shadelab.evidence.cpp import CppRunner
+from shadelab.machine.build import Recipe, broken_lines
+from shadelab.machine.sandbox import Sandbox
+
+CHOSEN = "SHADELAB_CHOSEN"
+_choose = f"""\
+#include <cstdlib>
+static const int shadelab_chosen = std::atoi(std::getenv("{CHOSEN}"));
+"""
+
+
+class ManyBodies:
+    """`bodies`: those that compile, by number."""
+
+    def __init__(self, assignment: Assignment, folder: Path, mutants: Mapping[int, Mutant], double: bool) -> None:
+        """`folder`: for its files; made here."""
+        self.assignment, self.folder, self.recipe = assignment, folder, Recipe(double=double, loops=(), many=True)
+        self.bodies = dict(mutants)
+        folder.mkdir(parents=True)
+        source, sandbox = folder / "shading.cpp", Sandbox(folder / "syntax")
+        while True:
+            source.write_text(_choose + self._text())
+            said = broken_lines(assignment.glue, source, sandbox, self.recipe)
+            broken = {int(number) for number in re.findall(r"^mutant-(\d+):", said, re.MULTILINE)} & set(self.bodies)
+            if not broken:
+                break
+            self.bodies = {number: mutant for number, mutant in self.bodies.items() if number not in broken}
+        self.runner("compiled")  # here, before two threads want it
+
+    def runner(self, name: str) -> CppRunner:
+        """For one thread; choose() says which body it is."""
+        runner = CppRunner(self.assignment, Sandbox(self.folder / name), self.recipe)
+        runner.build(self.folder)
+        return runner
+
+    @staticmethod
+    def choose(runner: CppRunner, number: int) -> None:
+        runner.environment = {CHOSEN: str(number)}
+
+    def _text(self) -> str:
+        """Before each function's own body a switch over the others."""
+        source = self.assignment.directory / "shading.cpp"
+        text = source.read_text()
+        marked = regions(text, source)
+        for name in sorted(marked, key=lambda n: -marked[n].start()):
+            cases = "".join(
+                f'case {number}: {{\n#line 1 "mutant-{number}"\n{mutant.body}\n}} break;\n'
+                for number, mutant in self.bodies.items()
+                if mutant.function == name
+            )
+            start = marked[name].start()
+            text = f"{text[:start]}switch (shadelab_chosen) {{\n{cases}}}\n{text[start:]}" if cases else text
+        return text
