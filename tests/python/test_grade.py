@@ -9,7 +9,7 @@ import time
 import pytest
 
 from conftest import ROOT
-from shadelab.course.assignment import load_assignment
+from shadelab.course.assignment import assignment_names, load_assignment
 
 GATE = "    if (dot(n, l) <= 0.0) return 0.0;\n    // As on the slide: pow(max(dot(v, r), 0.0), q)."
 LOBE_END = "    if (x >= 1.0) return q == 0.0 ? 1.0 : 0.0;\n    return exp(q * log1p(-x));\n    // STUDENT END: return 0.0;\n}\n\n// The half-vector lobe"
@@ -150,6 +150,80 @@ def test_type_errors_in_glsl(grade, submission):
         submission(glsl={"return 2.0 * dot(n, l) * n - l;": "return 2.0 * dott(n, l) * n - l;"}), only="glsl/*"
     )["by_id"]["glsl/build"]
     assert build["status"] == "failed" and "shading.glsl:" in build["message"] and "dott" in build["message"]
+
+
+MIRROR = "    return 2.0 * dot(n, l) * n - l;"
+
+
+def test_a_missing_return_does_not_compile(grade, submission):
+    folder = submission()
+    file = folder / "shading.cpp"
+    text = file.read_text()
+    begin = text.index("Real phong_lobe(")
+    end = text.index("\n}\n", begin)
+    file.write_text(
+        f"{text[:begin]}Real phong_lobe(vec3 n, vec3 l, vec3 v, Real q) {{\n    if (q > 0.0) return q;{text[end:]}"
+    )
+    build = grade(folder, only="cpp/function/phong_lobe")["by_id"]["cpp/build"]
+    line = text[:begin].count("\n") + 3
+    assert build["status"] == "failed" and build["message"].startswith(
+        f"shading.cpp:{line}:1: no return at the end of phong_lobe"
+    )
+
+
+@pytest.mark.parametrize(
+    "body, warned, told",
+    [
+        ("vec3 r;\n    if (dot(n, l) > 0.5) r = 2.0 * dot(n, l) * n - l;\n    return r;", "r may be used", True),
+        ("vec3 r;\n    r += 2.0 * dot(n, l) * n - l;\n    return r;", "r is used", True),
+        ("Real c;\n    if (l.x > 0.0) c = dot(n, l);\n    return 2.0 * c * n - l;", "c may be used", False),
+        ("dot(n, l) == 0.0;\n    return n;", "value computed is not used", False),
+    ],
+    ids=["vector", "sum", "scalar", "no effect"],
+)
+def test_warnings_stand_with_the_build_and_what_is_unset_fails(shadelab, submission, tmp_path, body, warned, told):
+    folder = submission(cpp={MIRROR: "    " + body})
+    line = (folder / "shading.cpp").read_text()[:-1].partition(body)[0].count("\n") + 1
+    out = tmp_path / "graded"
+    run = shadelab(
+        "grade", folder, "--assignment", "phong", "--only", "cpp/function/mirror_direction", "--out", out,
+        "--format", "markdown", "--format", "junit", GITHUB_ACTIONS="true", COLUMNS="200",
+    )  # fmt: skip
+    build, function = json.loads((out / "result.json").read_text())["checks"]
+    assert build["status"] == "passed" and warned in build["message"]
+    assert line <= int(build["message"].split(":")[1]) <= line + 2
+    assert function["status"] == "failed"
+    assert ("nothing was ever stored in result" in function["message"]) == told
+    assert "::warning file=" in run.stderr
+    for text in (run.stdout, *((out / name).read_text() for name in ("report.html", "summary.md", "junit.xml"))):
+        assert warned in text
+
+
+def test_members_that_were_never_set_are_named(grade, submission):
+    whole = "    return Terms(m.ka, m.kd * max(dot(n, l), 0.0), m.ks * phong_lobe(n, l, v, m.q));"
+    parts = "    Terms t;\n    t.ambient = m.ka;\n    if (dot(n, l) > 0.0) { t.diffuse = m.kd * dot(n, l); t.specular = m.ks * phong_lobe(n, l, v, m.q); }"
+    check = grade(submission(cpp={whole: parts + "\n    return t;"}), only="cpp/function/phong")["by_id"][
+        "cpp/function/phong"
+    ]
+    assert check["message"].startswith("nothing was ever stored in result.diffuse and result.specular")
+
+
+def test_the_drivers_warnings_stand_with_the_build(grade, submission):
+    folder = submission(glsl={MIRROR: "    vec3 r;\n    return r;"})
+    line = 1 + (folder / "shading.glsl").read_text().partition("    return r;")[0].count("\n")
+    build = grade(folder, only="glsl/function/mirror_direction")["by_id"]["glsl/build"]
+    assert build["status"] == "passed"
+    assert (
+        build["message"].startswith(f"shading.glsl:{line}:")
+        and "r is used before anything was stored" in build["message"]
+    )
+
+
+@pytest.mark.parametrize("name", assignment_names())
+def test_solutions_and_starters_are_free_of_warnings(grade, name):
+    for folder in (ROOT / "solution" / name, ROOT / "starter" / name):
+        result = grade(folder, only="*/build", assignment=name)
+        assert [c["message"] for c in result["checks"]] == ["", ""]
 
 
 def test_missing_file_fails_that_language_only(grade, submission):

@@ -294,6 +294,8 @@ def evaluate(
         runner = CppRunner(declared, sandbox, recipe) if backend == "cpp" else GlslRunner(declared, sandbox)
         _student_build(runner, directory)
         [(_, result)] = runner.run([Evaluate(wanted, rows)])
+    if runner.warnings:
+        print(runner.warnings, file=sys.stderr)
     if result.printed:
         print(result.printed, end="" if result.printed.endswith("\n") else "\n")
     if result.array is None:

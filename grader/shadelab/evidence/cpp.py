@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shadelab.course.assignment import Assignment
+from shadelab.course.assignment import Assignment, Function
 from shadelab.errors import InfrastructureError
-from shadelab.evidence.messages import readable_errors
+from shadelab.evidence.messages import readable_errors, readable_warnings
 from shadelab.evidence.tasks import (
     DRAW_LIMITS,
     EVALUATE_LIMITS,
@@ -24,9 +24,10 @@ from shadelab.evidence.tasks import (
     load_image,
 )
 from shadelab.machine import renderer
-from shadelab.machine.build import CompileError, Plugin, Recipe, build_plugin
+from shadelab.machine.build import UNSET_BYTE, CompileError, Plugin, Recipe, build_plugin
 from shadelab.machine.command import Command
 from shadelab.machine.sandbox import Limits, Outcome, Sandbox
+from shadelab.words import listed
 
 
 class CppRunner:
@@ -36,6 +37,7 @@ class CppRunner:
         self.assignment, self.sandbox, self.recipe = assignment, sandbox, recipe
         self.plugin: Plugin | None = None
         self.environment: dict[str, str] = {}  # of what is evaluated
+        self.warnings = ""  # of the compiler, about the student's lines
 
     def build(self, folder: Path) -> None:
         """Raises BuildError."""
@@ -44,6 +46,7 @@ class CppRunner:
         except CompileError as error:
             said = readable_errors(error.stderr, self.assignment) or f"the compiler {error.ending}"
             raise BuildError(said) from None
+        self.warnings = readable_warnings(self.plugin.said)
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:
@@ -73,6 +76,7 @@ class CppRunner:
             output.failure = "ended the program without giving its results (does it call exit?)"
         else:
             output.array = np.fromfile(results, real).reshape(shape)
+            output.unset = _unset(output.array, task.function)
             for name in task.records or {}:
                 columns = len(self.assignment.function(name).inputs)
                 output.missing[name] = np.fromfile(follow / f"{name}.missing", np.float32).reshape(-1, columns)
@@ -104,6 +108,18 @@ class CppRunner:
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
         return output
+
+
+def _unset(array: np.ndarray, function: Function) -> str | None:
+    """Which members of the result a function left as the compiler fills memory, as a sentence. No number that was worked out has
+    these very bits."""
+    pattern = np.frombuffer(bytes([UNSET_BYTE] * array.itemsize), array.dtype)[0]
+    unset = array == pattern
+    if not unset.any():
+        return None
+    names = list(dict.fromkeys(column.path for column, any in zip(function.outputs, unset.any(axis=0)) if any))
+    rows = int(unset.any(axis=1).sum())
+    return f"nothing was ever stored in {listed(names)} for {rows} of {len(array)} inputs: a variable is used before it is set"
 
 
 def _read_statistics(file: Path, frames: int) -> tuple[str | None, list[float]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment
 from shadelab.errors import InfrastructureError
-from shadelab.evidence.messages import readable_shader_errors
+from shadelab.evidence.messages import readable_shader_errors, readable_shader_warnings
 from shadelab.evidence.tasks import DRAW_LIMITS, EVALUATE_LIMITS, BuildError, Evaluate, Output, Task, load_image
 from shadelab.gl.environment import ENVIRONMENT
 from shadelab.machine.command import Command
@@ -33,6 +33,7 @@ class GlslRunner:
         self.glue = assignment.glue
         self.student: Path | None = None
         self.gl = "unknown"
+        self.warnings = ""  # of the driver's compiler, about the student's lines
         self.begun: tuple[list[Task], Iterator] | None = None
         self.runs = 0  # one may begin while another goes on; each has files of its own
 
@@ -48,6 +49,7 @@ class GlslRunner:
         _, output = next(self.begun[1])
         if output.failure:
             raise BuildError(output.failure)
+        self.warnings = output.said
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         if self.begun and tasks and self.begun[0] is tasks:
@@ -150,7 +152,9 @@ class GlslRunner:
         )  # fmt: skip
 
     def _output(self, job: tuple[dict, tuple | None, Limits], result: dict) -> Output:
-        output = Output(seconds=result["seconds"], frames=result["frames"])
+        output = Output(
+            seconds=result["seconds"], frames=result["frames"], said=readable_shader_warnings(result["said"])
+        )
         if result["error"] and not result["students"]:
             raise InfrastructureError(result["error"])
         if result["error"]:

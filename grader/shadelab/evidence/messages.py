@@ -13,6 +13,9 @@ PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hp
 _located = re.compile(
     r"^(?P<file>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<kind>fatal error|error|note|warning): (?P<text>.*)$"
 )
+_in_function = re.compile(r"In (?:member )?function [‘'](?P<signature>[^’']*)")
+_inlined = re.compile(r"^\s+inlined from .* at (?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+)")
+_unset = re.compile(r"^'(?P<name>\w+)[^']*' (?:(?P<how>is|may be) )?used uninitialized")
 _required = re.compile(r"^(?:\./)?shading\.cpp:(?P<line>\d+):(?P<column>\d+):\s+required from here")
 _undefined = re.compile(r"(?:undefined reference to|undefined symbol) [`'](?P<name>[^'(]+)")
 _vec = re.compile(r"(?:glm::)?vec<(\d), (?:Real|float|double)(?:, (?:\(glm::qualifier\)0|glm::\w+))?>")
@@ -27,6 +30,12 @@ def _plain(text: str) -> str:
     text = re.sub(r"\b(?:shadelab|glsl|glm|given|gen)::", "", text)
     text = re.sub(r"(\w)<[^<>]*(?:float|double|packed_highp|qualifier|defaultp)[^<>]*>", r"\1", text)
     return re.sub(r" +", " ", text).strip()
+
+
+def _called(signature: str) -> str:
+    """The function's name in a signature."""
+    found = re.search(r"(\w+)\(", signature)
+    return found[1] if found else ""
 
 
 def _declared(assignment: Assignment) -> dict[str, str]:
@@ -58,11 +67,24 @@ def _name_is_taken(text: str, assignment: Assignment) -> str:
     return text
 
 
+def _own(file: str) -> bool:
+    """Whether it is the student's file, which is compiled in the folder where it lies."""
+    return Path(file).name == "shading.cpp" and "/" not in file.removeprefix("./")
+
+
+def _no_return(text: str, function: str) -> str:
+    """The compiler speaks of control and of void; what is missing is a return."""
+    if not function or not ("control reaches end of" in text or "no return statement in function" in text):
+        return text
+    return f"no return at the end of {function}: where none before it is reached, what it gives is undefined"
+
+
 def readable_errors(stderr: str, assignment: Assignment) -> str:
     """At most MAX_LINES lines for each of the first errors, all in terms of the student's file."""
     lines = stderr.splitlines()
     out: list[str] = []
     called_from: str | None = None
+    function = ""  # which one the messages are about
     index = 0
     while index < len(lines):
         line = lines[index]
@@ -70,11 +92,13 @@ def readable_errors(stderr: str, assignment: Assignment) -> str:
         if required := _required.match(line):
             called_from = f"shading.cpp:{required['line']}:{required['column']}"
             continue
+        if inside := _in_function.search(line):
+            function = _called(inside["signature"])
         found = _located.match(line)
         if not found or "error" not in found["kind"]:
             continue
-        text = _plain(found["text"])
-        if Path(found["file"]).name == "shading.cpp" and "/" not in found["file"].removeprefix("./"):
+        text = _no_return(_plain(found["text"]), function)
+        if _own(found["file"]):
             excerpt = []
             while index < len(lines) and re.match(r"^\s+\d* \|", lines[index]) and len(excerpt) < MAX_LINES - 1:
                 excerpt.append(lines[index].rstrip())
@@ -93,11 +117,54 @@ def readable_errors(stderr: str, assignment: Assignment) -> str:
     return "\n".join(out[:3])
 
 
+def readable_warnings(stderr: str) -> str:
+    """A line for each of the first warnings about the student's own lines, one for all members of a variable."""
+    out: dict[tuple, str] = {}
+    at: re.Match | None = None  # the student's line into which the compiler has copied the code that it warns of
+    last: tuple | None = None  # of a warning that stands outside the student's file, until a note names a line in it
+    for line in stderr.splitlines():
+        if inlined := _inlined.match(line):
+            at = at or inlined
+            continue
+        found = _located.match(line)
+        if not found:
+            continue
+        own = found if _own(found["file"]) else None
+        if found["kind"] == "warning":
+            place, at = own or at, None
+            text = _plain(found["text"])
+            unset = _unset.match(text)
+            if unset:
+                text = f"{unset['name']} {unset['how']} used before anything was stored in it"
+            last = (unset["name"] if unset else text, text)
+            if place:
+                out.setdefault((last[0], place["line"]), f"shading.cpp:{place['line']}:{place['column']}: {text}")
+                last = None
+        elif found["kind"] == "note" and own and last:
+            out.setdefault((last[0], own["line"]), f"shading.cpp:{own['line']}:{own['column']}: {last[1]}")
+            last = None
+    return "\n".join([*out.values()][:MAX_LINES])
+
+
 # ------------------------------------------------------------------------------------------------ GLSL messages
 
 _glsl = re.compile(
     r"^\s*(?P<source>\d+):(?P<line>\d+)\((?P<column>\d+)\): (?:preprocessor )?(?P<kind>error|warning): (?P<text>.*)$"
 )
+
+
+def readable_shader_warnings(log: str) -> str:
+    """A line for each of the first warnings about the student's own lines."""
+    found = (
+        m
+        for m in map(_glsl.match, log.splitlines())
+        if m and m["kind"] == "warning" and 0 < int(m["line"]) < PRELUDE_LINE
+    )
+    lines = {}
+    for m in found:
+        text = _unset.sub(r"\g<name> is used before anything was stored in it", m["text"].replace("`", "'"))
+        lines.setdefault(text, f"shading.glsl:{m['line']}:{m['column']}: {text}")
+    return "\n".join([*lines.values()][:MAX_LINES])
 
 
 def readable_shader_errors(message: str, assignment: Assignment) -> str:

@@ -71,6 +71,8 @@ class Output:
     )  # of each function with a record: the arguments that it lacks
     frames: list[float] = field(default_factory=list)  # seconds of further frames: without loading and compiling
     first_not_finite: str | None = None  # where, and with what inputs
+    said: str = ""  # warnings, where code was only compiled
+    unset: str | None = None  # what of the result was never stored, and how often
 
     @property
     def frame(self) -> float | None:

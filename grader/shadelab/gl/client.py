@@ -8,8 +8,8 @@ JOBS.json: {"student": file, "prelude": file, "status": file, "jobs": [...]}, ea
     {"kind": "draw", "packet": file, "output": file}
 and, where it is not about the student's file, with "student": another file. Tables are raw float32, images .npy. For each
 job the status file gets a line {"begin": i} and, when it ended, {"end": i, "error": null | message, "students": whether the
-student's shader is at fault, "seconds": s, "frame": seconds of drawing alone, or null}; a job that has begun and not ended
-took the process with it.
+student's shader is at fault, "said": what the compiler says of code that compiles, "seconds": s, "frames": seconds of drawing
+alone}; a job that has begun and not ended took the process with it.
 """
 
 import json
@@ -24,7 +24,7 @@ import moderngl
 import numpy as np
 
 from shadelab.errors import UserError
-from shadelab.gl.context import create_context, describe
+from shadelab.gl.context import compiler_log, create_context, describe
 from shadelab.gl.packet import Packet
 from shadelab.words import decoded
 
@@ -66,9 +66,10 @@ class Client:
     def assemble(self, main: str) -> str:
         return f"#version 330\n#line {PRELUDE_LINE}\n{self.prelude}\n#line 1\n{self.student}\n#line {MAIN_LINE}\n{main}"
 
-    def compile(self) -> None:
+    def compile(self) -> str:
+        """What the compiler says of code that compiles."""
         main = "out vec4 shadelab_out;\nvoid main() { shadelab_out = vec4(0.0); }\n"
-        self.program(_full_screen, self.assemble(main))
+        return compiler_log(self.context, self.program(_full_screen, self.assemble(main)))
 
     def evaluate(self, main: str, rows: np.ndarray, columns_out: int) -> np.ndarray:
         """rows: (N, columns) float32. Returns (N, columns_out) float32. The layout is evaluate.glsl's: 1024 rows per line."""
@@ -270,18 +271,18 @@ def student_text(data: bytes) -> str:
     return _const_parameter.sub(r"\1", _first_lines.sub("", text))
 
 
-def run(job: dict[str, Any], client: Client) -> list[float]:
-    """Returns the seconds of frames alone, where they are drawn."""
+def run(job: dict[str, Any], client: Client) -> tuple[str, list[float]]:
+    """Returns what the compiler says, where nothing else is asked for, and the seconds of frames alone, where they are drawn."""
     if job["kind"] == "compile":
-        client.compile()
-    elif job["kind"] == "evaluate":
+        return client.compile(), []
+    if job["kind"] == "evaluate":
         rows = np.fromfile(job["rows"], np.float32).reshape(-1, job["columns_in"])
         client.evaluate(Path(job["main"]).read_text(), rows, job["columns_out"]).tofile(job["output"])
     else:
         image, seconds = client.draw(Packet(Path(job["packet"])), job.get("frames", 0))
         np.save(job["output"], image)
-        return seconds
-    return []
+        return "", seconds
+    return "", []
 
 
 def main() -> None:
@@ -291,10 +292,10 @@ def main() -> None:
         status.write(json.dumps({"gl": describe(client.context)}) + "\n")
         for index, job in enumerate(task["jobs"]):
             status.write(json.dumps({"begin": index}) + "\n")
-            start, message, students, frames = time.perf_counter(), None, False, []
+            start, message, students, said, frames = time.perf_counter(), None, False, "", []
             try:
                 client.student = student_text(Path(job.get("student", task["student"])).read_bytes())
-                frames = run(job, client)
+                said, frames = run(job, client)
             except ShaderError as error:
                 message, students = str(error), True
             except UserError as error:
@@ -302,8 +303,8 @@ def main() -> None:
             except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told
                 message = f"the OpenGL client failed: {type(error).__name__}: {error}"
             seconds = time.perf_counter() - start
-            end = {"end": index, "error": message, "students": students, "seconds": seconds, "frames": frames}
-            status.write(json.dumps(end) + "\n")
+            end = {"end": index, "error": message, "students": students, "said": said}
+            status.write(json.dumps({**end, "seconds": seconds, "frames": frames}) + "\n")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,9 @@ OSMESA_CORE_PROFILE, OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION 
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
 
 
+GL_INFO_LOG_LENGTH = 0x8B84
+
+
 class OSMesaContext:
     """What moderngl asks of a context object (load, __enter__, __exit__, release), over libOSMesa through ctypes."""
 
@@ -99,6 +102,28 @@ def create_context() -> moderngl.Context:
     raise InfrastructureError(
         "no OpenGL 3.3 without a display (" + "; ".join(failures) + "); ./shadelab doctor says more"
     )
+
+
+def compiler_log(context: moderngl.Context, program: moderngl.Program) -> str:
+    """What the driver's compiler said of shaders that compile. moderngl keeps what it says of others alone."""
+    if context.extra == "osmesa":
+        load = ctypes.CDLL(ctypes.util.find_library("OSMesa") or "libOSMesa.so.8").OSMesaGetProcAddress
+    else:
+        load = ctypes.CDLL("libEGL.so.1").eglGetProcAddress
+    load.restype, load.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+    u, i, p = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+
+    def function(name: str, *arguments: type):
+        return ctypes.CFUNCTYPE(None, *arguments)(load(name.encode()))
+
+    count, shaders, length, parts = i(), (u * 8)(), i(), []
+    function("glGetAttachedShaders", u, i, p, p)(program.glo, len(shaders), ctypes.byref(count), shaders)
+    for shader in shaders[: count.value]:
+        function("glGetShaderiv", u, u, p)(shader, GL_INFO_LOG_LENGTH, ctypes.byref(length))
+        text = ctypes.create_string_buffer(length.value + 1)
+        function("glGetShaderInfoLog", u, i, p, p)(shader, len(text), None, text)
+        parts.append(text.value.decode(errors="replace"))
+    return "\n".join(parts)
 
 
 def describe(context: moderngl.Context) -> str:

@@ -10,7 +10,13 @@ from shadelab.result import Check
 
 @dataclass(frozen=True)
 class Build:
-    """Compile the submission. The answer: None, or what is wrong."""
+    """Compile the submission. The answer is a Built."""
+
+
+@dataclass(frozen=True)
+class Built:
+    failure: str = ""  # what is wrong with the student's code; empty: it compiles
+    warnings: str = ""  # what the compiler says of code that compiles
 
 
 def finished(check: Check, output: Output) -> Check:
@@ -18,6 +24,8 @@ def finished(check: Check, output: Output) -> Check:
     check.printed = output.printed
     if output.first_not_finite:
         check.message += f"; {output.first_not_finite}"
+    if output.unset and check.status == "failed":
+        check.message = f"{output.unset}; {check.message}"  # what follows is a consequence
     return check
 
 

@@ -17,7 +17,7 @@ from shadelab.evidence.tasks import BuildError, Draw, Evaluate, Output, Task
 from shadelab.grading.kinds import kind_of
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
-from shadelab.grading.questions import Build
+from shadelab.grading.questions import Build, Built
 from shadelab.machine.build import FUNCTIONS, Recipe
 from shadelab.machine.sandbox import Sandbox
 from shadelab.result import Check
@@ -40,16 +40,17 @@ class Student:
             self.runner = CppRunner(assignment, sandbox, FUNCTIONS)
             self.drawer = CppRunner(assignment, sandbox, Recipe(functions=False, loops=loops))
 
-    def build(self, then: list[Task], draws: bool) -> None:
+    def build(self, then: list[Task], draws: bool) -> Built:
         """Raises BuildError. In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes
         need. `then`: what will be asked first."""
         if self.backend == "glsl":
             self.runner.build(self.submission, then)
-            return
+            return Built(warnings=self.runner.warnings)
         with ThreadPoolExecutor(2) as pool:
             wanted = [self.runner, self.drawer] if draws else [self.runner]
             for build in [pool.submit(runner.build, self.submission) for runner in wanted]:
                 build.result()
+        return Built(warnings=self.runner.warnings)
 
     def answers(self, tasks: list[Task]) -> Iterator[Output]:
         if self.backend == "glsl":  # one program for both; and the client knows this very list again
@@ -88,12 +89,12 @@ class Chain:
         first = self._begun(stages.pop(0)) if stages and _together(stages[0][0]) else []
         tasks = [begun.question for begun in first]  # this very list: OpenGL compiles and answers in one process
         try:
-            failure = self._build(tasks, any(kind_of(plan).DRAWS for plan in plans))
+            built = self._build(tasks, any(kind_of(plan).DRAWS for plan in plans))
         except InfrastructureError as error:
             self._fail(error, self.plans)
             return
-        self._finish(Begun.of(build, self.ledger), failure)
-        if failure:
+        self._finish(Begun.of(build, self.ledger), built)
+        if built.failure:
             for plan in plans:
                 if plan.id not in self.ledger.checks:
                     self._enter(plan.check("skipped"))
@@ -107,15 +108,13 @@ class Chain:
                 for plan in stage:
                     self._begun([plan], alone=True)
 
-    def _build(self, then: list[Task], draws: bool) -> str | None:
-        """None, or what is wrong with the student's code."""
+    def _build(self, then: list[Task], draws: bool) -> Built:
         try:
             if self.refused:
                 raise BuildError(self.refused)
-            self.student.build(then, draws)
+            return self.student.build(then, draws)
         except BuildError as error:
-            return error.message
-        return None
+            return Built(failure=error.message)
 
     def _begun(self, plans: list[Plan], alone: bool = False) -> "list[Begun]":
         """Those that ask something; the others have their verdict at once. alone: and are asked to their end."""
@@ -141,7 +140,7 @@ class Chain:
                 return
             self._finish(one, output)
 
-    def _finish(self, begun: "Begun", answer: Output | str | None) -> None:
+    def _finish(self, begun: "Begun", answer: Output | Built) -> None:
         while True:
             try:
                 question = begun.asking.send(answer)

@@ -3,8 +3,10 @@
 import hashlib
 import os
 import shutil
+import subprocess
 import threading
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from shadelab.machine.command import Command
@@ -19,7 +21,16 @@ HEADERS = FRAMEWORK / "include"
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
 _common = ["-std=c++20", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-shared", "-fPIC",
-           "-fvisibility=hidden", "-Wl,-z,defs", "-fmax-errors=3", "-fno-diagnostics-show-option", "-fno-diagnostics-show-labels"]  # fmt: skip
+           "-fvisibility=hidden", "-Wl,-z,defs", "-fmax-errors=3", "-Werror=return-type", "-fno-diagnostics-show-option",
+           "-fno-diagnostics-show-labels"]  # fmt: skip
+# What a compiler knows of a program that compiles and is not meant so; nothing that is only untidy, such as an unused variable.
+# Not eliding copies changes no number: else a variable in which a function builds its result is its caller's memory, of which
+# the compiler does not know whether it was set.
+_warned = ["-Wall", "-Wlogical-op", "-Wduplicated-cond", "-Wno-unused-variable", "-Wno-unused-but-set-variable",
+           "-Wno-unused-function", "-Wno-unused-local-typedefs", "-Wno-unused-label", "-Wno-sign-compare", "-fno-elide-constructors"]  # fmt: skip
+# Variables that nothing was stored in hold this byte over and over: as float -1.7e38, as double -5.3e303, no plausible result.
+UNSET_BYTE = 0xFE
+_unset_pattern = "-ftrivial-auto-var-init=pattern"
 _float = ["-fsingle-precision-constant"]
 _double = ["-O2", "-DSHADELAB_REAL=double"]
 _half = [*_float, "-O1", "-DSHADELAB_REAL=shadelab::half", "-include", "shadelab/half.hpp"]
@@ -46,13 +57,23 @@ class Recipe:
     many: bool = False  # a program of thousands of bodies, each run a few times: not optimised
 
     def flags(self) -> list[str]:
-        out = [*_common, f"-DSHADELAB_TERMS={int(self.terms)}"]
+        out = [f"-DSHADELAB_TERMS={int(self.terms)}"]
         if self.loops is not None:
             out += ["-DSHADELAB_ONLY", *(f"-DSHADELAB_LOOP_{loop}" for loop in sorted(self.loops))]
         out += [] if self.functions else ["-DSHADELAB_NO_FUNCTIONS"]
         out += ["-DSHADELAB_FOLLOW"] if self.follow else []
         out += ["-DSHADELAB_COLUMNS"] if self.columns else []
-        return [*out, *self.arithmetic()]
+        return [*self.headers(), *out]
+
+    def headers(self) -> list[str]:
+        """What precompiled headers must be compiled with, too."""
+        unset = [_unset_pattern] if _compiler_version() >= 12 else []
+        return [*_common, *(_warned if self.alone else []), *unset, *self.arithmetic()]
+
+    @property
+    def alone(self) -> bool:
+        """Whether functions are evaluated alone, and nothing is drawn or measured: where what the compiler says is asked for."""
+        return self.loops == () and not self.columns and not self.half
 
     def arithmetic(self) -> list[str]:
         """What the numbers and the speed depend on. Functions alone are evaluated a few thousand times: -O1 compiles them
@@ -65,7 +86,7 @@ class Recipe:
             return [*_double, "-O3", *self._architecture()] if self.columns else _double
         if self.contract:
             return [*_float, "-O3", *self._architecture(), "-ffp-contract=fast"]
-        if self.quick or (self.loops == () and not self.columns):
+        if self.quick or self.alone:
             return [*_float, "-O1"]
         return [*_float, "-O3", *self._architecture()]
 
@@ -73,6 +94,12 @@ class Recipe:
         """Plugins are built where they run, so they may use what this processor has."""
         level = processor_level(self.level)
         return [] if level == "plain" else [f"-march=x86-64-{level}"]
+
+
+@cache
+def _compiler_version() -> int:
+    said = subprocess.run(["g++", "-dumpversion"], capture_output=True, text=True).stdout
+    return int(said.partition(".")[0]) if said[:1].isdigit() else 0
 
 
 FUNCTIONS = Recipe(loops=())
@@ -83,6 +110,7 @@ DOUBLE = Recipe(double=True, loops=())
 class Plugin:
     file: Path
     double: bool
+    said: str  # by the compiler: warnings
 
 
 @dataclass
@@ -98,10 +126,10 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
     compiled once."""
     flags = recipe.flags()
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
-    cached = STATE / "plugins" / f"{digest}.so"
+    cached, said = (STATE / "plugins" / f"{digest}{suffix}" for suffix in (".so", ".txt"))
     if cached.exists():
         os.utime(cached)
-        return Plugin(cached, recipe.double)
+        return Plugin(cached, recipe.double, said.read_text() if said.exists() else "")
     _precompile(glue, recipe, sandbox)
     work = sandbox.folder / f"build-{digest}"
     shutil.rmtree(work, ignore_errors=True)
@@ -116,12 +144,15 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
         raise CompileError(outcome.stderr, outcome.explain(COMPILE_LIMITS))
     cached.parent.mkdir(parents=True, exist_ok=True)
     temporary = cached.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+    if outcome.stderr:  # before the plugin: who finds that one finds this, too
+        temporary.write_text(outcome.stderr)
+        os.replace(temporary, said)
     shutil.copy(work / "plugin.so", temporary)
     os.replace(temporary, cached)
     for old in by_age(cached.parent)[:-PLUGINS_KEPT]:
         old.unlink(missing_ok=True)
     shutil.rmtree(work)
-    return Plugin(cached, recipe.double)
+    return Plugin(cached, recipe.double, outcome.stderr)
 
 
 def broken_lines(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe) -> str:
@@ -138,7 +169,7 @@ def broken_lines(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe) -> 
 def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
     """The headers, compiled once per glue and kind of arithmetic: they are half of what compiling a plugin takes. The
     compiler looks into prelude.hpp.gch/ for one that fits, and does without where there is none."""
-    flags = [f for f in [*_common, *recipe.arithmetic()] if f != "-shared" and not f.startswith("-Wl,")]
+    flags = [f for f in recipe.headers() if f != "-shared" and not f.startswith("-Wl,")]
     folder = glue / "prelude.hpp.gch"
     file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]
     if file.exists() or recipe.contract or recipe.half:  # for the last, the compiler would not use one

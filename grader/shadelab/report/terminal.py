@@ -18,10 +18,11 @@ from shadelab.report.wording import (
     in_order,
     label,
     shortened,
+    warned,
     worst_lines,
 )
 from shadelab.result import Check, Result
-from shadelab.words import BACKENDS, listed, number_short, plain, points
+from shadelab.words import BACKENDS, FILES, listed, number_short, plain, points
 
 _STYLES = {"passed": "green", "failed": "bold red", "skipped": "dim", "error": "yellow"}
 _MESSAGE_LINES = 8
@@ -52,6 +53,11 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
     width = console.width - 2
     # Kinds whose replay line was shown once: the others read alike, and the HTML report has them.
     replayed: set[str] = set()
+    for check in warned(result):
+        say("")
+        say(f"{FILES[check.backend]} compiles; the compiler warns of", _STYLES["error"])
+        for line in plain(check.message).splitlines()[:_MESSAGE_LINES]:
+            say(shortened(line, 4 * width), indent=2)
     shown_checks = [c for c in in_order(result, "failed", "error") if hidden_details or not c.hidden]
     explained = [c for c in shown_checks if c.because]
     for group in _alike([c for c in shown_checks if not c.because]):

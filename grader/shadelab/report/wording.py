@@ -79,6 +79,11 @@ def _in_brackets(value: Any) -> str:
     return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
 
 
+def warned(result: Result) -> list[Check]:
+    """Builds of code that compiles, of which the compiler has something to say."""
+    return [c for c in in_order(result, "passed") if c.kind == "build" and c.message]
+
+
 # --- What to say first ---
 
 

@@ -1,10 +1,11 @@
-"""Whether the code compiles. It has no points: it explains what is skipped."""
+"""Whether the code compiles, and what the compiler says of it. It has no points: it explains what is skipped, and a warning
+costs nothing by itself."""
 
 from collections.abc import Generator
 
 from shadelab.course.assignment import Assignment
 from shadelab.grading.plan import Plan
-from shadelab.grading.questions import Build
+from shadelab.grading.questions import Build, Built
 from shadelab.result import Check
 
 NAME = "build"
@@ -19,6 +20,6 @@ def items(assignment: Assignment) -> list[tuple]:
     return []  # plan_checks puts it before the others of its language
 
 
-def judge(plan: Plan, ledger: object) -> Generator[Build, str | None, Check]:
-    failure = yield Build()
-    return plan.check("failed", failure) if failure else plan.check("passed")
+def judge(plan: Plan, ledger: object) -> Generator[Build, Built, Check]:
+    built = yield Build()
+    return plan.check("failed", built.failure) if built.failure else plan.check("passed", built.warnings)

@@ -52,7 +52,8 @@ def _case(check: Check, result: Result) -> ET.Element:
         body.set("message", _clean(short.line(lines[0] if lines else f"{STATUS[check.status]} (hidden)")))
         body.text = _clean("\n".join(lines))
     printed = "" if check.hidden or not check.printed else "\n" + short.cut(check.printed, short.PRINTED)
-    ET.SubElement(case, "system-out").text = _clean(short.score(check) + printed)
+    warnings = "\n" + short.cut(check.message, short.MESSAGE) if check.status == "passed" and check.message else ""
+    ET.SubElement(case, "system-out").text = _clean(short.score(check) + ("" if check.hidden else warnings) + printed)
     return case
 
 

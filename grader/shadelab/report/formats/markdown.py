@@ -7,7 +7,7 @@ checks a summary has the name, the status and the points, and nothing else: it i
 import re
 
 from shadelab.report.formats import short
-from shadelab.report.wording import OUR_FAULT, STATUS, SYMBOLS, in_order, label
+from shadelab.report.wording import OUR_FAULT, STATUS, SYMBOLS, in_order, label, warned
 from shadelab.result import Check, Result
 from shadelab.words import BACKENDS, points
 
@@ -31,6 +31,8 @@ def summary(result: Result) -> str:
         cost = f", {short.score(check)}" if check.max_score else ""
         title = f"\n### {SYMBOLS[check.status]} {inline(short.name(check))}: {STATUS[check.status]}{cost}\n"
         blocks.append(f"{title}\n{details(check, result)}\n")
+    for check in warned(result):
+        blocks.append(f"\n## {inline(short.name(check))} passes; the compiler warns of\n\n{details(check, result)}\n")
     version = result.environment.get("version", "")
     blocks.append(f"\nGraded by Shadelab {inline(version)}, submission {code(result.submission)}\n")
     return _limited(blocks)
