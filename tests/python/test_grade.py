@@ -115,11 +115,36 @@ HALF = "vec3 half_vector(vec3 l, vec3 v) {"
         lambda text: ("#version 330 core\n # extension GL_ARB_gpu_shader5 : enable\n" + text).encode(),
         lambda text: text.replace(HALF, "vec3 half_vector(const in vec3 l,\n    const vec3 v) {").encode(),
         lambda text: text.replace(HALF, "highp vec3 half_vector(in vec3 l, mediump vec3 v) {").encode(),
+        lambda text: text.replace(HALF, "vec3 half_vector(const in highp vec3 l, in const lowp vec3 v) {").encode(),
+        lambda text: ("precision highp float;\n#line 7\n#pragma optimize(off)\n" + text).encode(),
+        lambda text: (
+            "layout(location = 0) out vec4 fragment;\n" + text + "\nvoid main() { fragment = vec4(1); }\n"
+        ).encode(),
+        lambda text: (text + "\nint main(void) {\n    { gl_FragColor = vec4(1); }\n    return 0;\n}\n").encode(),
+        lambda text: ("#define c0 1.0\n#define result r\n#define main nothing\n#define Real float\n" + text).encode(),
+        lambda text: ("layout(location = 0) in vec3 p;\nvarying vec3 a, b;\nuniform vec3 eye;\n" + text).encode(),
+        lambda text: ('#include "lights.glsl"\n#include <shadelab/shading.hpp>\n' + text).encode(),
+        lambda text: text.replace(HALF, "\0" + HALF + " // \0").encode(),
         lambda text: text.encode("utf-16"),
         lambda text: b"\xfe\xff" + text.encode("utf-16-be"),
         lambda text: b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(),
     ],
-    ids=["version", "const", "precision", "utf-16", "utf-16-be", "utf-8-mark"],
+    ids=[
+        "version",
+        "const",
+        "precision",
+        "const-precision",
+        "statements",
+        "out-and-main",
+        "int-main",
+        "macros",
+        "interface",
+        "include",
+        "nul",
+        "utf-16",
+        "utf-16-be",
+        "utf-8-mark",
+    ],
 )
 def test_a_shader_is_taken_as_editors_and_habits_write_it(grade, submission, write):
     folder = submission()
@@ -127,6 +152,51 @@ def test_a_shader_is_taken_as_editors_and_habits_write_it(grade, submission, wri
     file.write_bytes(write(file.read_text()))
     result = grade(folder, only="glsl/function/*[lh][oa][bl][ef]*")
     assert len(result["checks"]) > 3 and result["score"] == result["max_score"] > 0
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({HALF: "vec3 half_vector(inout vec3 l, vec3 v) {"}, "shading.glsl:{line}:6: half_vector is given values"),
+        (
+            {HALF: "vec3 half_vector(vec3 l, vec3 v, float s) {"},
+            "shading.glsl:{line}: vec3 half_vector(vec3 l, vec3 v, float s) is not",
+        ),
+        (
+            {HALF: "vec3 halfVector(vec3 l, vec3 v) {"},
+            "half_vector is missing (halfVector in line {line} looks like it)",
+        ),
+        ({HALF: "float half_vector(vec3 l, vec3 v) {"}, "shading.glsl:{line}:7: half_vector returns another type"),
+        (
+            {HALF: "float log1p(float x) { return x; }\n" + HALF},
+            "shading.glsl:{line}:7: log1p is one of the framework's",
+        ),
+        ({HALF: HALF + " if (l.x > 2.0) return half_vector(v, l);"}, "shading.glsl:{line}: half_vector calls itself"),
+        ({HALF: HALF + " gl_FragColor = vec4(1);"}, "shading.glsl:{line}: gl_FragColor is for a main"),
+        ({HALF: "/* " + HALF}, "shading.glsl:{line}:"),
+        ({HALF: '#include "mine.glsl"\n' + HALF + " l = mine(v);"}, "shading.glsl:{line}:1: GLSL has no #include"),
+    ],
+    ids=["inout", "arguments", "name", "type", "ours", "recursion", "gl_FragColor", "comment", "include"],
+)
+def test_what_is_wrong_with_a_shader_is_said_with_the_students_line(grade, submission, change, words):
+    folder = submission(glsl=change)
+    file = folder / "shading.glsl"
+    file.write_text("#version 330\n" + file.read_text())
+    new = next(iter(change.values()))
+    line = 1 + file.read_text().partition(new)[0].count("\n")
+    build = grade(folder, only="glsl/function/half_vector")["by_id"]["glsl/build"]
+    assert build["status"] == "failed" and words.format(line=line) in build["message"]
+    if "(" in words or "another" in words or "given" in words:
+        assert "declare it as vec3 half_vector(vec3 l, vec3 v)" in build["message"]
+
+
+def test_variables_that_nothing_sets_are_told(grade, submission):
+    folder = submission(glsl={HALF: "uniform vec3 eye;\n" + HALF})
+    line = 1 + (folder / "shading.glsl").read_text().partition("uniform")[0].count("\n")
+    build = grade(folder, only="glsl/function/half_vector")["by_id"]["glsl/build"]
+    assert build["status"] == "passed" and build["message"].startswith(
+        f"shading.glsl:{line}:1: nothing sets this variable (uniform)"
+    )
 
 
 def test_lines_of_messages_stay_the_students(grade, submission):
@@ -439,13 +509,8 @@ def test_other_ways_of_writing_are_welcome(grade, submission):
             },
             "choose another name",
         ),
-        (
-            "glsl",
-            {"vec3 mirror_direction(vec3 l, vec3 n) {": "void main() {}\nvec3 mirror_direction(vec3 l, vec3 n) {"},
-            "remove main",
-        ),
     ],
-    ids=["signature", "open-if", "taken-cpp", "taken-glsl", "main"],
+    ids=["signature", "open-if", "taken-cpp", "taken-glsl"],
 )
 def test_messages_say_what_to_do(grade, submission, language, change, words):
     build = grade(submission(**{language: change}), only=f"{language}/build")["by_id"][f"{language}/build"]

@@ -19,6 +19,7 @@ from shadelab.gl.environment import ENVIRONMENT
 from shadelab.machine.command import Command
 from shadelab.machine.sandbox import Limits, Sandbox
 from shadelab.paths import PACKAGE, ROOT
+from shadelab.words import decoded
 
 # llvmpipe and numpy reserve more address space than they use.
 GL_MEMORY = 4 << 30
@@ -158,7 +159,8 @@ class GlslRunner:
         if result["error"] and not result["students"]:
             raise InfrastructureError(result["error"])
         if result["error"]:
-            output.failure = readable_shader_errors(result["error"], self.assignment)
+            student = Path(job[0].get("student", self.student)).read_bytes()
+            output.failure = readable_shader_errors(result["error"], self.assignment, decoded(student))
             return output
         try:
             if job[0]["kind"] == "evaluate":

@@ -1,5 +1,6 @@
 """What compilers say, as lines that a student can act on: the student's own file and line, and types as students write them."""
 
+import difflib
 import re
 from pathlib import Path
 
@@ -167,7 +168,51 @@ def readable_shader_warnings(log: str) -> str:
     return "\n".join([*lines.values()][:MAX_LINES])
 
 
-def readable_shader_errors(message: str, assignment: Assignment) -> str:
+def _definition(name: str, student: str) -> tuple[int, str] | None:
+    """Where the file defines a function, and how."""
+    found = re.search(rf"^[ \t]*(?:\w+[ \t]+)+{name}\s*\([^)]*\)(?=\s*\{{)", student, re.MULTILINE)
+    return (1 + student.count("\n", 0, found.start()), " ".join(found[0].split())) if found else None
+
+
+def _missing(name: str, student: str, assignment: Assignment) -> str:
+    """The linker misses what a prototype of ours promises."""
+    prototype = _declared(assignment).get(name)
+    if prototype is None:
+        return f"shading.glsl: the function {name} is called and not defined"
+    if own := _definition(name, student):
+        return f"shading.glsl:{own[0]}: {own[1]} is not the function that is asked for; declare it as {prototype}"
+    names = [n for n in re.findall(r"(\w+)\s*\([^()]*\)\s*\{", student) if n not in _declared(assignment)]
+    near = difflib.get_close_matches(name, names, 1)
+    like = f" ({near[0]} in line {at[0]} looks like it)" if near and (at := _definition(near[0], student)) else ""
+    return f"shading.glsl: the function {name} is missing{like}; declare it as {prototype}"
+
+
+def _told(text: str, student: str, assignment: Assignment) -> str:
+    """What a driver says of a student's line, as advice where its words speak of code that the student does not see."""
+    name = (re.search(r"function '(\w+)'", text) or ["", ""])[1]
+    prototype = _declared(assignment).get(name)
+    if "qualifiers don't match prototype" in text and prototype:
+        return f"{name} is given values, and cannot have out or inout arguments; declare it as {prototype}"
+    if "return type doesn't match prototype" in text and prototype:
+        return f"{name} returns another type than is asked for; declare it as {prototype}"
+    if f"function '{name}' redefined" in text and len(re.findall(rf"\b{name}\s*\([^()]*\)\s*\{{", student)) == 1:
+        if not any(name == f.name for earlier in assignment.given for f in earlier.functions):
+            return f"{name} is one of the framework's functions already; remove yours, or choose another name"
+    return _name_is_taken(text, assignment)
+
+
+def _of_the_whole(text: str, student: str) -> str:
+    """What a driver says without a line: the line is found in the student's text."""
+    if recursive := re.match(r"function '[\w ]*?(\w+)\(.*static recursion", text):
+        line = (_definition(recursive[1], student) or ["?"])[0]
+        return f"shading.glsl:{line}: {recursive[1]} calls itself, directly or through others; GLSL has no recursion"
+    if written := re.search(r"gl_Frag(?:Color|Data|Depth)", text):
+        line = 1 + student.partition(written[0])[0].count("\n")
+        return f"shading.glsl:{line}: {written[0]} is for a main; a function gives what it returns"
+    return f"shading.glsl: {text}"
+
+
+def readable_shader_errors(message: str, assignment: Assignment, student: str) -> str:
     """The driver's messages with the student's file and line; of lines outside it, what they mean for the student."""
     own: dict[int, str] = {}  # the first message of each line: what follows on it is a consequence
     others = []
@@ -175,21 +220,17 @@ def readable_shader_errors(message: str, assignment: Assignment) -> str:
         found = _glsl.match(line)
         if found and found["kind"] == "error":
             number, text = int(found["line"]), found["text"].removesuffix("; candidates are:").replace("`", "'")
-            text = _name_is_taken(text, assignment)
-            if "'main' redefined" in text:
-                others.append("shading.glsl: remove main: the framework puts its own around your functions")
-            elif number == 0:  # of the shader as a whole
-                others.append(f"shading.glsl: {text}")
+            if text == "Unterminated comment":  # told at the end; what helps is where it begins
+                number = 1 + student.count("\n", 0, student.rfind("/*"))
+            if number == 0:
+                others.append(_of_the_whole(text, student))
             elif number < PRELUDE_LINE:
-                own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {text}")
+                own.setdefault(number, f"shading.glsl:{number}:{found['column']}: {_told(text, student, assignment)}")
             else:
                 others.append(
                     f"shading.glsl: {text} (noticed behind the file's end: is a brace, a comment or an #if left open?)"
                 )
         elif "unresolved reference to function" in line:
-            name = line.split("`")[-1].rstrip("'")
-            others.append(
-                f"shading.glsl: the function {name} is missing, or its arguments differ from the declared ones"
-            )
+            others.append(_missing(line.split("`")[-1].rstrip("'"), student, assignment))
     words = [line for line in message.splitlines() if line.strip(" =")]
     return "\n".join([*own.values()][:3] or others[:1] or words[:MAX_LINES])

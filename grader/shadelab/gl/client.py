@@ -13,7 +13,6 @@ alone}; a job that has begun and not ended took the process with it.
 """
 
 import json
-import re
 import sys
 import time
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ import numpy as np
 from shadelab.errors import UserError
 from shadelab.gl.context import compiler_log, create_context, describe
 from shadelab.gl.packet import Packet
-from shadelab.words import decoded
+from shadelab.gl.submission import read
 
 # Each text has its own line numbers, so that a driver's message tells which one it means (see glue.hpp).
 PRELUDE_LINE, MAIN_LINE = 1_000_001, 2_000_001
@@ -258,19 +257,6 @@ def set_masks(framebuffer: moderngl.Framebuffer, written: list[bool]) -> None:
     framebuffer.color_mask = masks if len(masks) > 1 else masks[0]  # moderngl wants no list for one attachment
 
 
-# What stands before every shader already, and may stand nowhere else.
-_first_lines = re.compile(r"^[ \t]*#[ \t]*(version|extension)\b.*$", re.MULTILINE)
-# `const` of a parameter: a prototype of ours has none, and drivers want the two alike.
-_const_parameter = re.compile(r"(?<=[(,])(\s*)const\s+(?=(in\s+)?\w+\s+\w+\s*[,)])")
-
-
-def student_text(data: bytes) -> str:
-    """A student's file as it goes to the driver, line for line: in any encoding that says which it is, without the lines that
-    the framework writes, and with parameters as the prototypes have them."""
-    text = decoded(data).replace("\r\n", "\n").replace("\r", "\n")
-    return _const_parameter.sub(r"\1", _first_lines.sub("", text))
-
-
 def run(job: dict[str, Any], client: Client) -> tuple[str, list[float]]:
     """Returns what the compiler says, where nothing else is asked for, and the seconds of frames alone, where they are drawn."""
     if job["kind"] == "compile":
@@ -288,16 +274,18 @@ def run(job: dict[str, Any], client: Client) -> tuple[str, list[float]]:
 def main() -> None:
     task = json.loads(Path(sys.argv[1]).read_text())
     with open(task["status"], "a", buffering=1) as status:
-        client = Client(Path(task["prelude"]).read_text(), "")
+        client = Client(Path(task["prelude"]).read_text())
         status.write(json.dumps({"gl": describe(client.context)}) + "\n")
         for index, job in enumerate(task["jobs"]):
             status.write(json.dumps({"begin": index}) + "\n")
             start, message, students, said, frames = time.perf_counter(), None, False, "", []
             try:
-                client.student = student_text(Path(job.get("student", task["student"])).read_bytes())
+                shader = read(Path(job.get("student", task["student"])).read_bytes())
+                client.student = shader.text
                 said, frames = run(job, client)
+                said = "\n".join([*shader.remarks, said])
             except ShaderError as error:
-                message, students = str(error), True
+                message, students = "\n".join([*shader.includes, str(error)]), True
             except UserError as error:
                 message = str(error)
             except Exception as error:  # a driver or a library that fails in a way of its own: ours, and told

@@ -22,6 +22,7 @@ import numpy as np
 from shadelab.gl.client import Client, Frame, Objects
 from shadelab.gl.context import describe
 from shadelab.gl.packet import Packet
+from shadelab.gl.submission import read
 
 # Values of GL/gl.h.
 TEXTURE_2D, TEXTURE_2D_MULTISAMPLE, DEPTH_COMPONENT, DEPTH_COMPONENT32F = 0x0DE1, 0x9100, 0x1902, 0x8CAC
@@ -132,7 +133,7 @@ def answer(line: str, frame: ColourFrame | DepthFrame) -> dict:
 def main() -> None:
     start = time.perf_counter()
     packet = Packet(Path(sys.argv[1]))
-    client = Client(student=Path(sys.argv[2]).read_text())
+    client = Client(student=read(Path(sys.argv[2]).read_bytes()).text)
     frame = make_frame(client, packet)
     frame.draw()  # the driver compiles shaders at their first use
     load = 1e3 * (time.perf_counter() - start)
