@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from shadelab.errors import InfrastructureError
 from shadelab.machine.command import Command
 from shadelab.machine.glue import by_age, given_code
 from shadelab.machine.processor import processor_level
@@ -177,7 +178,11 @@ def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
     with work_folder("precompile") as work:
         words = ["g++", *flags, f"-I{HEADERS}", f"-I{glue}", "-x", "c++-header", str(glue / "prelude.hpp")]
         command = Command((*words, "-o", str(work / "gch")), reads=(HEADERS, glue), writes=(work,))
-        if Sandbox(work, stop=sandbox.stop).run(command, COMPILE_LIMITS).ok:
+        try:
+            compiled = Sandbox(work, stop=sandbox.stop).run(command, COMPILE_LIMITS).ok
+        except InfrastructureError:
+            return  # what is compiled without them says what is the matter
+        if compiled:
             try:
                 folder.mkdir(exist_ok=True)
                 shutil.move(work / "gch", temporary := glue / f"gch-{os.getpid()}-{threading.get_ident()}")

@@ -6,6 +6,8 @@ file system or the network.
 """
 
 import os
+import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -49,6 +51,42 @@ class Limits:
     seconds: float = 10.0
     memory: int = 2 << 30  # address space, bytes
     file_size: int = 256 << 20
+
+
+@dataclass(frozen=True)
+class _Inherited:
+    """A limit that this process was started with, as `ulimit` sets it, and how a child shows that it met it."""
+
+    number: int
+    flag: str  # of ulimit
+    what: str
+    ample: int  # from this on it is no reason for anything that fails
+    signals: tuple[int, ...] = ()
+    says: str = "$^"
+
+    @property
+    def value(self) -> int | None:
+        soft = resource.getrlimit(self.number)[0]
+        return None if soft == resource.RLIM_INFINITY else soft
+
+    def met_by(self, outcome: "Outcome", needed: int) -> bool:
+        if self.value is None or self.value >= max(needed, self.ample):
+            return False
+        return -outcome.returncode in self.signals or re.search(self.says, outcome.stderr) is not None
+
+
+_memory = _Inherited(
+    resource.RLIMIT_AS, "-v", "memory", 0,
+    (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGKILL, signal.SIGTRAP),
+    r"(?i)out of memory|memory exhausted|cannot allocate|bad_alloc|MemoryError|failed to map",
+)  # fmt: skip
+_file_size = _Inherited(resource.RLIMIT_FSIZE, "-f", "the size of a file", 0, (signal.SIGXFSZ,), "File too large")
+_processor = _Inherited(resource.RLIMIT_CPU, "-t", "seconds of processor time", 0, (signal.SIGXCPU, signal.SIGKILL))
+_files = _Inherited(resource.RLIMIT_NOFILE, "-n", "the number of open files", 256, (), "Too many open files")
+_threads = _Inherited(
+    resource.RLIMIT_NPROC, "-u", "the number of processes", 4096, (),
+    "Resource temporarily unavailable|Thread creation failed|can't start new thread|vfork|pthread_create",
+)  # fmt: skip
 
 
 @dataclass
@@ -133,10 +171,18 @@ class Sandbox:
         watch: Callable[[], bool] | None = None,
     ) -> Outcome:
         """Runs to the end, to the time limit, or until `watch` (asked every 20 ms) says to stop."""
+        wanted = {
+            _memory: limits.memory, _file_size: limits.file_size,
+            _processor: int(limits.seconds * (os.cpu_count() or 1)) + 1, _files: 0, _threads: 0,
+        }  # fmt: skip
+        # Of a limit that was inherited and ours the lower one: to raise one takes a privilege.
+        memory, file_size, seconds = (
+            wanted[each] if each.value is None else min(wanted[each], each.value)
+            for each in (_memory, _file_size, _processor)
+        )
         limited = [
             "setpriv", "--pdeathsig", "KILL",  # whatever ends the grader ends this, too
-            "prlimit", f"--as={limits.memory}", f"--fsize={limits.file_size}", "--core=0",
-            f"--cpu={int(limits.seconds * (os.cpu_count() or 1)) + 1}", *command.words,
+            "prlimit", f"--as={memory}", f"--fsize={file_size}", "--core=0", f"--cpu={seconds}", *command.words,
         ]  # fmt: skip
         self.prepare()
         # Files and not pipes: code that prints without end meets the file size limit, and nobody has to drain it. They have no
@@ -174,4 +220,20 @@ class Sandbox:
                 kept = kept[: self.output_kept - 64] + f"\n... {size - self.output_kept + 64} more bytes".encode()
             err.seek(0)
             text = err.read(1 << 20).decode(errors="replace")
-        return Outcome(process.returncode, stopped, seconds, kept, text)
+        outcome = Outcome(process.returncode, stopped, seconds, kept, text)
+        if not outcome.ok:
+            _blame_the_machine(outcome, wanted)
+        return outcome
+
+
+def _blame_the_machine(outcome: Outcome, wanted: dict[_Inherited, int]) -> None:
+    """Raises InfrastructureError where the child could not be started, or failed as one does that met a limit lower than ours."""
+    first = (outcome.stderr.splitlines() or [""])[0]
+    if re.match("(prlimit|setpriv): ", first):
+        raise InfrastructureError(f"the sandbox could not start a program: {first}")
+    for each, needed in wanted.items():
+        if each.met_by(outcome, needed):
+            least = f"; {needed} are asked for" if needed else ""
+            raise InfrastructureError(
+                f"this machine limits {each.what} to {each.value} (ulimit {each.flag}), and a program met that{least}"
+            )
