@@ -13,6 +13,7 @@ import sys
 import typer
 
 from shadelab.cli.options import NARROWEST, USUAL
+from shadelab.cli.streams import exit_code, guard_streams
 from shadelab.errors import InfrastructureError, UserError
 from shadelab.paths import ROOT
 
@@ -66,30 +67,36 @@ def _told(usage: str) -> str:
 
 
 def main() -> None:
+    guard_streams()
     _mend_width_of_help()
+    sys.exit(exit_code(_run()))
+
+
+def _run() -> int:
+    """The exit code."""
     try:
-        sys.exit(program()(standalone_mode=False, prog_name="./shadelab") or 0)
+        return program()(standalone_mode=False, prog_name="./shadelab") or 0
     except typer.Exit as done:
-        sys.exit(done.exit_code)
+        return done.exit_code
     except _UsageError as error:
         print(_told(" ".join(error.format_message().split())), file=sys.stderr)
-        sys.exit(2)
+        return 2
     except typer.Abort:
         print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        return 130
     except UserError as error:
         print(error, file=sys.stderr)
-        sys.exit(2)
+        return 2
     except InfrastructureError as error:
         print(error, file=sys.stderr)
-        sys.exit(3)
+        return 3
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""  # writing into an open file names none
         print(f"{where}{error.strerror or error}", file=sys.stderr)
-        sys.exit(3)
+        return 3
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        return 130
     except Exception as error:  # whoever runs this in CI must not take it for a low score, which is 1
         import traceback
 
@@ -97,4 +104,4 @@ def main() -> None:
         print(
             f"a fault of Shadelab, not yours ({type(error).__name__}): show this to the course staff", file=sys.stderr
         )
-        sys.exit(3)
+        return 3

@@ -82,6 +82,8 @@ class Json:
     def __init__(self, target: str | None) -> None:
         if target and target != "-" and not Path(target).absolute().parent.is_dir():
             raise UserError(f"--json {target}: there is no folder {shown(Path(target).parent)}")
+        if target == "-" and sys.stdout is None:
+            raise UserError("--json -: stdout is closed; give a file")
         self.target = target
 
     @property
