@@ -9,13 +9,14 @@ import importlib
 import os
 import re
 import sys
+from pathlib import Path
 
 import typer
 
 from shadelab.cli.options import NARROWEST, USUAL
 from shadelab.cli.streams import exit_code, guard_streams
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.paths import ROOT
+from shadelab.paths import ROOT, STATE
 
 # In the order of `--help`. A release holds no solution: what instructors use is not there.
 GROUPS = ("grading", "drawing", "course", "measuring", "release", "machine")
@@ -66,6 +67,14 @@ def _told(usage: str) -> str:
     return usage
 
 
+def _of_another_user() -> Path | None:
+    """The first thing below the folder of what is made that is not this user's and cannot be written to."""
+    for path in sorted([STATE, *STATE.glob("*"), *STATE.glob("*/*"), *STATE.glob("*/*/*")]):
+        if path.stat().st_uid != os.getuid() and not os.access(path, os.W_OK):
+            return path
+    return None
+
+
 def main() -> None:
     guard_streams()
     _mend_width_of_help()
@@ -91,6 +100,12 @@ def _run() -> int:
         print(error, file=sys.stderr)
         return 3
     except OSError as error:
+        if isinstance(error, PermissionError) and (foreign := _of_another_user()):
+            print(
+                f"{foreign}: belongs to another user (was ./shadelab run with sudo?); mend it: sudo chown -R $(id -un) {STATE}",
+                file=sys.stderr,
+            )
+            return 3
         where = f"{error.filename}: " if error.filename else ""  # writing into an open file names none
         print(f"{where}{error.strerror or error}", file=sys.stderr)
         return 3
