@@ -276,6 +276,131 @@ TEST_CASE("polygons, also concave ones, are cut into triangles of the same area 
     CHECK(load(square + "v nan 0 0\nf 5 1 2 3 4\nf 1 2 3\n").dropped_triangles == 3);
 }
 
+namespace {
+
+/// A polygon in the plane z = 0, tilted by `tilt`, as a file with one face.
+std::string polygon(const std::vector<glm::dvec2>& outline, const glm::dmat3& tilt = glm::dmat3(1)) {
+    std::string face = "f";
+    std::vector<glm::dvec3> points;
+    for (glm::dvec2 p : outline) {
+        points.push_back(tilt * glm::dvec3(p, 0));
+        face += " " + std::to_string(points.size());
+    }
+    return vertices(points) + face + "\n";
+}
+
+double signed_area(const std::vector<glm::dvec2>& outline) {
+    double sum = 0;
+    for (size_t i = 0; i < outline.size(); ++i) {
+        const glm::dvec2 a = outline[i], b = outline[(i + 1) % outline.size()];
+        sum += (a.x * b.y - a.y * b.x) / 2;
+    }
+    return sum;
+}
+
+/// Of all triangles, how many hold the point. Points on an edge do not occur.
+int covering(const Mesh& mesh, glm::dvec2 p, const glm::dmat3& tilt) {
+    int count = 0;
+    for (size_t t = 0; t < mesh.triangle_count(); ++t) {
+        glm::dvec2 corner[3];
+        for (size_t k = 0; k < 3; ++k)
+            corner[k] = glm::transpose(tilt) * glm::dvec3(mesh.positions[mesh.indices[3 * t + k]]) + 1e-9;
+        bool inside = true;
+        for (int k = 0; k < 3; ++k) {
+            const glm::dvec2 edge = corner[(k + 1) % 3] - corner[k], to = p - corner[k];
+            inside &= edge.x * to.y - edge.y * to.x > 0;
+        }
+        count += inside;
+    }
+    return count;
+}
+
+bool holds(const std::vector<glm::dvec2>& outline, glm::dvec2 p) {
+    bool in = false;
+    for (size_t i = 0; i < outline.size(); ++i) {
+        const glm::dvec2 a = outline[i], b = outline[(i + 1) % outline.size()];
+        if ((a.y > p.y) != (b.y > p.y) && p.x < a.x + (b.x - a.x) * (p.y - a.y) / (b.y - a.y)) in = !in;
+    }
+    return in;
+}
+
+}  // namespace
+
+TEST_CASE("polygons that touch themselves are covered once, and nothing beyond them is") {
+    const std::vector<std::vector<glm::dvec2>> outlines = {
+        // two triangles that meet in a corner; a corner that touches an edge; a spike; a corner said twice; corners in a line
+        {{0, 0}, {2, 0}, {1, 1}, {2, 2}, {0, 2}, {1, 1}},
+        {{0, 0}, {4, 0}, {4, 4}, {2, 0}, {0, 4}},
+        {{0, 0}, {4, 0}, {6, 0}, {4, 0}, {4, 4}, {0, 4}},
+        {{0, 0}, {4, 0}, {4, 0}, {4, 4}, {0, 4}},
+        {{0, 0}, {1, 0}, {2, 0}, {4, 0}, {4, 4}, {2, 4}, {0, 4}, {0, 2}},
+        // a hole, joined to the rim by an edge that is gone there and back; two such holes
+        {{0, 0}, {6, 0}, {6, 6}, {0, 6}, {0, 0}, {2, 2}, {2, 4}, {4, 4}, {4, 2}, {2, 2}},
+        {{0, 0},
+         {9, 0},
+         {9, 6},
+         {0, 6},
+         {0, 0},
+         {1, 1},
+         {1, 5},
+         {4, 5},
+         {4, 1},
+         {5, 1},
+         {5, 5},
+         {8, 5},
+         {8, 1},
+         {5, 1},
+         {4, 1},
+         {1, 1}},
+        // a hole that touches the rim in one corner; one that touches an edge
+        {{0, 0}, {8, 0}, {8, 8}, {0, 8}, {0, 0}, {2, 5}, {5, 2}},
+        {{0, 0}, {8, 0}, {8, 8}, {0, 8}, {0, 4}, {4, 6}, {4, 2}, {0, 4}},
+        // three petals round one corner, and round two
+        {{0, 0}, {3, -1}, {3, 1}, {0, 0}, {1, 3}, {-1, 3}, {0, 0}, {-3, -1}, {-1, -3}},
+        {{0, 0}, {2, -1}, {4, 0}, {6, -2}, {6, 2}, {4, 0}, {2, 1}, {0, 0}, {-2, 2}, {-2, -2}},
+        // a quad whose corner lies on its shorter diagonal
+        {{0, 0}, {4, -1}, {2, 0}, {4, 9}},
+        {{0, 0}, {3, -3}, {4, 0}, {2, 0}},
+    };
+    const glm::dmat3 straight(1),
+        tilted = glm::dmat3(glm::dvec3(0.6, 0, 0.8), glm::dvec3(-0.64, 0.6, 0.48), glm::dvec3(-0.48, -0.8, 0.36));
+    for (size_t number = 0; number < outlines.size(); ++number)
+        for (size_t start = 0; start < outlines[number].size(); ++start)
+            for (int reversed = 0; reversed < 2; ++reversed)
+                for (const glm::dmat3& tilt : {straight, tilted}) {
+                    std::vector<glm::dvec2> outline = outlines[number];
+                    std::rotate(outline.begin(), outline.begin() + long(start), outline.end());
+                    if (reversed) std::reverse(outline.begin(), outline.end());
+                    CAPTURE(number, start, reversed);
+                    const Mesh mesh = load(polygon(outline, tilt));
+                    CHECK(area_of(mesh) == Approx(std::abs(signed_area(outline))));
+                    CHECK_FALSE(mentions(mesh, "crosses itself"));
+                    int wrong = 0;
+                    for (double x = -2.97; x < 9.5; x += 0.2411)
+                        for (double y = -3.93; y < 9.5; y += 0.2537) {
+                            const glm::dvec2 p(x, y);
+                            const int expected = holds(outline, p) ? 1 : 0;
+                            // seen from the side on which its corners go round counterclockwise
+                            const int covered = signed_area(outline) > 0 ? covering(mesh, p, tilt) : -1;
+                            wrong += covered >= 0 && covered != expected;
+                        }
+                    CHECK(wrong == 0);
+                }
+}
+
+TEST_CASE("a polygon that crosses itself is drawn with a note that names its line") {
+    for (const std::vector<glm::dvec2>& outline : std::vector<std::vector<glm::dvec2>>{
+             {{0, 0}, {1, 1}, {1, 0}, {0, 1}},                                      // a bow tie
+             {{0, 1}, {0.59, -0.81}, {-0.95, 0.31}, {0.95, 0.31}, {-0.59, -0.81}},  // a pentagram
+             {{0, 0}, {2, 2}, {4, 0}, {4, 2}, {2, 0}, {0, 2}},                      // no area in sum
+         }) {
+        const Mesh mesh = load("# a comment\n" + polygon(outline));
+        CHECK(mesh.triangle_count() > 0);
+        CHECK(mentions(mesh, "line " + std::to_string(outline.size() + 2) + ": this polygon crosses itself"));
+    }
+    CHECK(mentions(load(polygon({{0, 0}, {1, 1}, {1, 0}, {0, 1}}) + "f 1 2 3 4\n"), "the first of 2;"));
+}
+
 TEST_CASE("negative indices, groups, comments, texture coordinates and Windows line ends mean the same mesh") {
     const Mesh plain = load(square + "f 1 2 3\nf 1 3 4\n");
     const auto same = [&](const Mesh& mesh) {

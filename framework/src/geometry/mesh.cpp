@@ -9,6 +9,7 @@
 #include <fstream>
 #include <limits>
 #include <string_view>
+#include <tuple>
 
 namespace shadelab {
 
@@ -35,7 +36,8 @@ struct ObjFile {
     bool materials = false;
     std::vector<std::string> groups;   ///< smoothing groups other than "off"
     int unknown = 0, bad_normals = 0;  ///< lines that begin with no word of OBJ files; normals that are no direction
-    int first_unknown = 0, first_bad = 0;  ///< the lines of the first
+    int crossed = 0;                   ///< polygons that cross themselves
+    int first_unknown = 0, first_bad = 0, first_crossed = 0;  ///< the lines of the first
     std::string unknown_word;
 
     [[noreturn]] void fail(int line, const std::string& what) const {
@@ -238,51 +240,135 @@ glm::dvec3 area_normal(const ObjFile& obj, const Corner* triangle) {
 }
 
 /// Along the shorter diagonal, for the rounder triangles; along the other where the shorter one lies outside a concave quad.
+/// False for a quad that crosses itself: both lie outside.
 template <class Emit>
-void cut_quad(const ObjFile& obj, const Corner* q, const Emit& emit) {
+bool cut_quad(const ObjFile& obj, const Corner* q, const Emit& emit) {
     const glm::dvec3 p[] = {obj.positions[q[0].position], obj.positions[q[1].position], obj.positions[q[2].position],
                             obj.positions[q[3].position]};
-    const auto folds = [&](int i) {  // along the diagonal from corner i
-        return glm::dot(area_normal(p[i], p[i + 1], p[i + 2]), area_normal(p[i], p[i + 2], p[(i + 3) % 4])) < 0;
-    };
+    const auto bend =
+        [&](int i) {  // along the diagonal from corner i: negative where the triangles fold over, 0 where one is flat
+            return glm::dot(area_normal(p[i], p[i + 1], p[i + 2]), area_normal(p[i], p[i + 2], p[(i + 3) % 4]));
+        };
     const glm::dvec3 d02 = p[2] - p[0], d13 = p[3] - p[1];
     const bool shorter02 = glm::dot(d02, d02) < glm::dot(d13, d13);
-    if (shorter02 != folds(shorter02 ? 0 : 1)) {
+    const double shorter = bend(shorter02 ? 0 : 1), longer = bend(shorter02 ? 1 : 0);
+    const bool along_shorter = shorter > 0 || !(longer > shorter);
+    if (along_shorter == shorter02) {
         emit(q[0], q[1], q[2]);
         emit(q[0], q[2], q[3]);
     } else {
         emit(q[0], q[1], q[3]);
         emit(q[1], q[2], q[3]);
     }
+    return !(shorter < 0 && longer < 0);
 }
 
-/// Cuts off triangles of three neighbours that hold no other corner ("ears"). Of a convex polygon this leaves a fan.
-template <class Emit>
-void cut_polygon(const ObjFile& obj, std::vector<Corner> rest, const Emit& emit) {
-    const auto at = [&](size_t i) { return obj.positions[rest[i % rest.size()].position]; };
-    glm::dvec3 normal(0);  // of the whole: each fan triangle outside a concave polygon counts negative
-    for (size_t i = 1; i + 1 < rest.size(); ++i) normal += area_normal(at(0), at(i), at(i + 1));
-    const auto side = [&](glm::dvec3 a, glm::dvec3 b, glm::dvec3 p) { return glm::dot(area_normal(a, b, p), normal); };
-    const auto is_ear = [&](size_t i) {
+/// What is left of a polygon from which triangles of three neighbours ("ears") are cut, seen against its normal.
+struct Outline {
+    const ObjFile& obj;
+    std::vector<Corner> rest;
+    glm::dvec3 normal{0};  ///< of the whole: each fan triangle outside a concave polygon counts negative
+    bool repeats = false;  ///< whether two corners stand at one position
+
+    Outline(const ObjFile& file, const Corner* from, int count) : obj(file), rest(from, from + count) {
+        for (size_t i = 1; i + 1 < rest.size(); ++i) normal += area_normal(at(0), at(i), at(i + 1));
+        std::vector<glm::dvec3> sorted;
+        for (const Corner& corner : rest) sorted.push_back(obj.positions[corner.position]);
+        std::sort(sorted.begin(), sorted.end(), [](const glm::dvec3& a, const glm::dvec3& b) {
+            return std::tie(a.x, a.y, a.z) < std::tie(b.x, b.y, b.z);
+        });
+        repeats = std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end();
+    }
+
+    glm::dvec3 at(size_t i) const { return obj.positions[rest[i % rest.size()].position]; }
+    double side(glm::dvec3 a, glm::dvec3 b, glm::dvec3 p) const { return glm::dot(area_normal(a, b, p), normal); }
+    double side(size_t i) const { return side(at(i), at(i + 1), at(i + 2)); }
+
+    /// Whether the ear from corner i on holds no other corner, not even at its rim.
+    bool is_clear(size_t i) const {
         const glm::dvec3 a = at(i), b = at(i + 1), c = at(i + 2);
-        bool ear = side(a, b, c) > 0;
-        for (size_t k = 3; ear && k < rest.size(); ++k) {
+        bool clear = side(a, b, c) > 0;
+        for (size_t k = 3; clear && k < rest.size(); ++k) {
             const glm::dvec3 p = at(i + k);
-            ear = p == a || p == b || p == c || side(a, b, p) < 0 || side(b, c, p) < 0 || side(c, a, p) < 0;
+            clear = p == a || p == b || p == c || side(a, b, p) < 0 || side(b, c, p) < 0 || side(c, a, p) < 0;
         }
-        return ear;
-    };
+        return clear;
+    }
+
+    /// Whether the ear lies inside of a polygon that may touch itself: no edge passes through it, so that it is inside as a whole
+    /// or not at all, and its middle is inside.
+    bool is_inside(size_t i) const {
+        const glm::dvec3 t[] = {at(i), at(i + 1), at(i + 2)};
+        const double area = side(i);
+        if (!(area > 0)) return false;
+        for (size_t k = 0; k < rest.size(); ++k) {
+            double enters = 0, leaves = 1;  // the part of the edge that lies within
+            for (int e = 0; e < 3; ++e) {
+                const double from = side(t[e], t[(e + 1) % 3], at(k)) / area - rounding,
+                             to = side(t[e], t[(e + 1) % 3], at(k + 1)) / area - rounding;
+                if (from <= 0 && to <= 0)
+                    leaves = 0;
+                else if (from <= 0)
+                    enters = std::max(enters, from / (from - to));
+                else if (to <= 0)
+                    leaves = std::min(leaves, from / (from - to));
+            }
+            if (leaves - enters > rounding) return false;
+        }
+        return winding((t[0] + t[1] + t[2]) / 3.0) > 0;
+    }
+
+    /// How often the outline goes round a point, counted the way of the normal.
+    int winding(glm::dvec3 p) const {
+        const glm::dvec3 size = glm::abs(normal);
+        const int w = size.x > size.y && size.x > size.z ? 0
+                      : size.y > size.z                  ? 1
+                                                         : 2,
+                  u = (w + 1) % 3, v = (w + 2) % 3;
+        int turns = 0;
+        for (size_t k = 0; k < rest.size(); ++k) {
+            const glm::dvec3 a = at(k) - p, b = at(k + 1) - p;
+            if ((a[v] > 0) == (b[v] > 0)) continue;  // does not meet the line through p along u
+            const double left = (a[u] * b[v] - a[v] * b[u]) * (b[v] > a[v] ? 1 : -1);
+            if (left > 0) turns += b[v] > a[v] ? 1 : -1;
+        }
+        return normal[w] > 0 ? turns : -turns;
+    }
+
+    /// Where to cut next: an ear that is clear, or one whose rim another part touches, or a corner that spans no area.
+    /// rest.size() for a polygon that crosses itself.
+    size_t next_ear() const {
+        const size_t n = rest.size();
+        for (size_t i = 0; i < n; ++i)
+            if (is_clear(i) && (!repeats || is_inside(i))) return i;
+        for (size_t i = 0; i < n; ++i)
+            if (is_inside(i)) return i;
+        for (size_t i = 0; i < n; ++i)
+            if (std::abs(side(i)) <= rounding * glm::dot(normal, normal)) return i;
+        return n;
+    }
+
+    static constexpr double rounding = 1e-9;  ///< of what is 0 but for it, beside 1
+};
+
+/// Of a convex polygon this leaves a fan. False for one that crosses itself.
+template <class Emit>
+bool cut_polygon(Outline outline, const Emit& emit) {
+    std::vector<Corner>& rest = outline.rest;
+    const bool flat = glm::length(outline.normal) == 0;
+    bool simple = !flat;
     while (rest.size() > 3) {
-        size_t ear = 0;
-        while (ear < rest.size() && !is_ear(ear)) ++ear;  // without any, the polygon crosses itself or has no area
+        size_t ear = flat ? rest.size() : outline.next_ear();
+        simple &= ear < rest.size();
         emit(rest[ear % rest.size()], rest[(ear + 1) % rest.size()], rest[(ear + 2) % rest.size()]);
         rest.erase(rest.begin() + long((ear + 1) % rest.size()));
     }
     emit(rest[0], rest[1], rest[2]);
+    return simple && !(outline.side(0) < -Outline::rounding * glm::dot(outline.normal, outline.normal));
 }
 
 /// What cannot be drawn is only counted.
-std::vector<Corner> triangulate(const ObjFile& obj, int& dropped) {
+std::vector<Corner> triangulate(ObjFile& obj, int& dropped) {
     std::vector<Corner> triangles;
     triangles.reserve(obj.corners.size());
     const auto emit = [&](Corner a, Corner b, Corner c) {
@@ -295,14 +381,18 @@ std::vector<Corner> triangulate(const ObjFile& obj, int& dropped) {
     };
     const Corner* corner = obj.corners.data();
     for (const Face& face : obj.faces) {
+        const size_t before = triangles.size();
+        bool simple = true;
         if (face.corners < 3)
             ++dropped;
         else if (face.corners == 3)
             emit(corner[0], corner[1], corner[2]);
         else if (face.corners == 4)
-            cut_quad(obj, corner, emit);
+            simple = cut_quad(obj, corner, emit);
         else
-            cut_polygon(obj, {corner, corner + face.corners}, emit);
+            simple = cut_polygon(Outline(obj, corner, face.corners), emit);
+        // One without area, or with coordinates that are not finite, gives no triangle.
+        if (!simple && triangles.size() > before && ++obj.crossed == 1) obj.first_crossed = face.line;
         corner += face.corners;
     }
     return triangles;
@@ -361,6 +451,10 @@ Mesh load_mesh(const std::filesystem::path& file, Normals mode, const std::strin
         note(std::to_string(mesh.dropped_triangles) +
              " triangles without area or with coordinates that are not finite were left out");
 
+    if (obj.crossed)
+        note("line " + std::to_string(obj.first_crossed) + ": this polygon crosses itself" +
+             (obj.crossed > 1 ? ", the first of " + std::to_string(obj.crossed) : "") +
+             "; it is cut into triangles that may reach beyond it");
     if (obj.unknown)
         note("line " + std::to_string(obj.first_unknown) + ": \"" + obj.unknown_word +
              "\" begins no line of an OBJ file; " +
