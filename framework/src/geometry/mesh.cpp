@@ -355,10 +355,9 @@ struct Outline {
 template <class Emit>
 bool cut_polygon(Outline outline, const Emit& emit) {
     std::vector<Corner>& rest = outline.rest;
-    const bool flat = glm::length(outline.normal) == 0;
-    bool simple = !flat;
+    bool simple = glm::length(outline.normal) != 0;
     while (rest.size() > 3) {
-        size_t ear = flat ? rest.size() : outline.next_ear();
+        const size_t ear = simple ? outline.next_ear() : rest.size();
         simple &= ear < rest.size();
         emit(rest[ear % rest.size()], rest[(ear + 1) % rest.size()], rest[(ear + 2) % rest.size()]);
         rest.erase(rest.begin() + long((ear + 1) % rest.size()));
