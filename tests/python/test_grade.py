@@ -190,6 +190,27 @@ def test_what_is_wrong_with_a_shader_is_said_with_the_students_line(grade, submi
         assert "declare it as vec3 half_vector(vec3 l, vec3 v)" in build["message"]
 
 
+@pytest.mark.parametrize(
+    "body, complete",
+    [
+        ("if (l.x > 0.0) return l;", False),
+        ("if (l.x > 0.0) return l; else if (l.y > 0.0) { return v; }", False),
+        ("for (int i = 0; i < 3; ++i) { if (l[i] > 0.0) return l; }", False),
+        ("if (l.x > 0.0) { return l; } else return v;", True),
+        ("if (l.x > 0.0)\n#ifdef A\n    return l;\n#endif\n    return v;", True),
+        ("{ vec3 s = l + v; while (true) { if (s.x > 0.0) return s; s += l; } }", True),
+        ("switch (int(l.x)) { case 0: return l; default: return v; }", True),
+    ],
+)
+def test_a_shaders_missing_return_is_told(grade, submission, body, complete):
+    helper = f"vec3 helper(vec3 l, vec3 v) {{ {body}\n}}\n"
+    folder = submission(glsl={HALF: helper + HALF})
+    line = 1 + (folder / "shading.glsl").read_text().partition("\n}\n" + HALF)[0].count("\n") + 1
+    build = grade(folder, only="glsl/function/half_vector")["by_id"]["glsl/build"]
+    told = "" if complete else f"shading.glsl:{line}:1: no return at the end of helper: where none before it is reached"
+    assert build["status"] == "passed" and build["message"].startswith(told) and bool(build["message"]) != complete
+
+
 def test_variables_that_nothing_sets_are_told(grade, submission):
     folder = submission(glsl={HALF: "uniform vec3 eye;\n" + HALF})
     line = 1 + (folder / "shading.glsl").read_text().partition("uniform")[0].count("\n")

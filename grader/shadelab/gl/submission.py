@@ -24,6 +24,10 @@ _interface = re.compile(
 _uniform = re.compile(r"^[ \t]*(?:layout\s*\([^)]*\)\s*)?(?P<kind>uniform)\s+\w+\s+[^;(){}]*;", re.MULTILINE)
 
 
+_function = re.compile(r"^[ \t]*(?P<type>\w+)\s+(?P<name>\w+)\s*\([^()]*\)\s*(?=\{)", re.MULTILINE)
+_token = re.compile(r"\w+|[(){};]|[^\s\w(){};]+")
+
+
 @dataclass
 class ShaderText:
     text: str
@@ -54,23 +58,81 @@ def read(data: bytes) -> ShaderText:
             )
             remarks.append(f"0:{_line(text, found.start())}(1): warning: {what}")
     text = _interface.sub(lambda m: _blank(m, "words"), text)
+    text = _without_main(text)
+    remarks += _missing_returns(text)
     # Macros end where the file ends.
     end = "".join(f"\n#undef {name}" for name in dict.fromkeys(macros))
     end += "\n#define Real float" if "Real" in macros else ""
-    return ShaderText(_without_main(text) + end, remarks, includes)
+    return ShaderText(text + end, remarks, includes)
 
 
 def _without_main(text: str) -> str:
     found = _main.search(text)
-    if not found:
+    end = _end_of_block(text, found.start()) if found else None
+    if end is None:
         return text
+    return text[: found.start()] + re.sub(r"[^\n]", " ", text[found.start() : end]) + text[end:]
+
+
+def _end_of_block(text: str, start: int) -> int | None:
+    """Behind the brace that closes the first one from there on; None where it is missing, which the driver says."""
     depth = 0
-    for brace in re.finditer(r"[{}]", text[found.start() :]):
+    for brace in re.compile("[{}]").finditer(text, start):
         depth += 1 if brace[0] == "{" else -1
         if depth == 0:
-            end = found.start() + brace.end()
-            return text[: found.start()] + re.sub(r"[^\n]", " ", text[found.start() : end]) + text[end:]
-    return text  # the driver says where a brace is missing
+            return brace.end()
+    return None
+
+
+def _missing_returns(text: str) -> list[str]:
+    """Drivers take a function whose end is reached without a return, and give whatever they like."""
+    remarks = []
+    for found in _function.finditer(text):
+        end = _end_of_block(text, found.end())
+        body = text[found.end() : end]
+        if found["type"] == "void" or end is None or "#" in body or _returns(_token.findall(body), 0)[0]:
+            continue
+        what = f"no return at the end of {found['name']}: where none before it is reached, what it gives is undefined"
+        remarks.append(f"0:{_line(text, end)}(1): warning: {what}")
+    return remarks
+
+
+def _returns(tokens: list[str], at: int) -> tuple[bool, int]:
+    """Whether the statement there always leaves the function, and where the next one begins. Loops without an end do, and of a
+    switch it is assumed."""
+    word = tokens[at] if at < len(tokens) else ";"
+    if word == "{":
+        leaves, at = False, at + 1
+        while at < len(tokens) and tokens[at] != "}":
+            one, at = _returns(tokens, at)
+            leaves |= one
+        return leaves, at + 1
+    if word in ("if", "for", "while", "switch"):
+        asked = at + 2
+        at = _behind_parenthesis(tokens, at + 1)
+        endless = "true" in tokens[asked:at] or tokens[asked : asked + 2] == [";", ";"]
+        leaves, at = _returns(tokens, at)
+        if word == "if" and tokens[at : at + 1] == ["else"]:
+            other, at = _returns(tokens, at + 1)
+            return leaves and other, at
+        return word == "switch" or (word != "if" and endless), at
+    if word == "do":
+        leaves, at = _returns(tokens, at + 1)
+    else:
+        leaves = word in ("return", "discard")
+    while at < len(tokens) and tokens[at] not in (";", "}"):
+        at += 1
+    return leaves, at + (tokens[at : at + 1] == [";"])
+
+
+def _behind_parenthesis(tokens: list[str], at: int) -> int:
+    depth = 0
+    while at < len(tokens):
+        depth += {"(": 1, ")": -1}.get(tokens[at], 0)
+        at += 1
+        if depth == 0:
+            break
+    return at
 
 
 def _blank(found: re.Match, group: str | int = 0) -> str:
