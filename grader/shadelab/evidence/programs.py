@@ -9,14 +9,14 @@ from shadelab.course.assignment import Assignment
 from shadelab.errors import UserError
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Asking, BuildError, Evaluate, Output, Program, T, Task
-from shadelab.gl.client import student_text
+from shadelab.gl.submission import read as read_shader
 from shadelab.machine.sandbox import Sandbox
 from shadelab.paths import shown
 
 
 def as_cpp(shader: bytes) -> str:
     """A student's GLSL as C++: the dialects differ in their first lines alone, and in what they call a Real."""
-    return "#include <shadelab/shading.hpp>\n#line 1\n" + re.sub(r"\bfloat\b", "Real", student_text(shader))
+    return "#include <shadelab/shading.hpp>\n#line 1\n" + re.sub(r"\bfloat\b", "Real", read_shader(shader).text)
 
 
 class Programs:

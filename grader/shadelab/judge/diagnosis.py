@@ -11,7 +11,7 @@ import numpy as np
 
 from shadelab.course.assignment import Function
 from shadelab.judge.functions import FunctionJudgement
-from shadelab.judge.places import Condition, part_of, place_of
+from shadelab.judge.places import Condition, part_of, place_of, telling
 from shadelab.judge.relations import (
     FACTOR_OF,
     MARGIN,
@@ -35,12 +35,12 @@ from shadelab.truth.measures import function_members
 PART = 0.05
 SEVERAL = 3
 UNDECLARED = "undeclared"  # id of a mistake that was found by searching
+VAGUE = 5  # how plain an explanation is not: see Explanation
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
 MOSTLY = (
     0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
 )
 HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
-TELLS = 1e-3  # of a member's scale: what is smaller is right whatever one does
 SAMPLE = 300  # rows of each kind on which relations are looked for
 FEWEST = 8  # wrong rows among those of which everything is known
 
@@ -51,6 +51,7 @@ class Diagnosis:
     function: str
     said: str = ""  # for the message, beside the hint: what the search found
     others: list[str] = field(default_factory=list)  # further mistakes in the same function, as hints
+    vague: bool = False  # a curve, or a place alone: something plainer is told before it
 
 
 def candidates(expected: Expected, function: Function, backend: str) -> list[Candidate]:
@@ -111,8 +112,11 @@ def diagnose_by_search(patient: Patient) -> Diagnosis | None:
     if not patient.written:
         return None
     search, own = _Search(patient), [c for c in patient.declared if c.function not in patient.right]
+    whole = search.whole()
+    if whole is not None and whole.vague and (parts := search.several()) and not parts.vague:
+        return parts
     return (
-        search.whole()
+        whole
         or search.by_members()
         or _declared(patient, own, pairs=True)
         or search.several()
@@ -234,7 +238,8 @@ class _Search:
         mistake = Mistake(
             id=UNDECLARED, hint=_sentence(subject, first.words), margin=round(min(p.margin for p in parts), 2)
         )
-        return Diagnosis(mistake, where, others=[_sentence(subject, p.words) for p in others])
+        vague = any(p.plain >= VAGUE for p in parts)
+        return Diagnosis(mistake, where, others=[_sentence(subject, p.words) for p in others], vague=vague)
 
     # --- how it is found ---
 
@@ -329,7 +334,7 @@ class _Search:
                 if e.explained.mean() > 1 - UNEXPLAINED:
                     offers.append(Explanation(f"{e.words}, where {place}", left & place.rows, 0, plain=e.plain))
         for e in self._of_truth(self._compared(members, rows[:SAMPLE])) if place is None else ():
-            if e.explained.mean() > 0.3:
+            if e.explained.mean() > 0.3 and e.plain < VAGUE:
                 explained = np.zeros(len(self.actual), bool)
                 explained[rows[:SAMPLE]] = e.explained
                 table = self.judgement.table
@@ -354,7 +359,7 @@ class _Search:
         part = part_of(self.function, table.rows, table.truth, left, self._tells(left, members))
         if part and left.mean() < HALF and (left & part.rows).sum() >= 0.2 * wrong.sum():
             said = f"wrong where {part}{self._inside(members, part, left)}"
-            return Explanation(said, left & part.rows, 0, margin=float((left & part.rows).sum()))
+            return Explanation(said, left & part.rows, 0, plain=VAGUE, margin=float((left & part.rows).sum()))
         return None
 
     def _inside(self, members: list[slice], place: Condition, wrong: np.ndarray) -> str:
@@ -372,12 +377,8 @@ class _Search:
         return place_of(self.function, table.rows, table.truth, wrong, self._tells(wrong, members))
 
     def _tells(self, wrong: np.ndarray, members: list[slice]) -> np.ndarray:
-        """The rows that tell something about where it is wrong: those that are, and those that are right though not by being
-        nearly 0, as most of a narrow lobe is whatever one does."""
         columns = [k for m in members for k in range(m.start, m.stop)]
-        truth = np.nan_to_num(np.abs(self.judgement.table.truth[:, columns]))
-        size = truth / np.maximum(np.percentile(truth, 95, axis=0), 1e-30)
-        return wrong | (~self.wrong & (size > TELLS).any(axis=1))
+        return telling(self.judgement.table.truth[:, columns], wrong, self.wrong)
 
     def _compared(self, members: list[slice], rows: np.ndarray) -> Compared:
         return Compared(self.function, self.judgement.table, self.actual, members, self.limit, rows)

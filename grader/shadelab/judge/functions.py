@@ -6,7 +6,7 @@ import numpy as np
 
 from shadelab.course.assignment import Function, named_arrays
 from shadelab.judge.credit import credit
-from shadelab.judge.places import place_of
+from shadelab.judge.places import place_of, telling
 from shadelab.judge.words import finite_or_none, halfway, numbers, percent_of, result_of
 from shadelab.result import Check, Error, Worst
 from shadelab.truth.expected import Table
@@ -129,7 +129,7 @@ def _describe_function(
         constant = same[0].tolist()
         said = f"{constant[0]:.4g}" if len(set(constant)) == 1 else f"({', '.join(f'{v:.4g}' for v in constant)})"
         parts.append(f"yours is always {said}")
-    elif condition := place_of(function, rows, truth, bad):
+    elif condition := place_of(function, rows, truth, bad, telling(truth, bad, bad)):
         exactly = not (bad & ~condition.rows).any()
         parts.append(f"{'only' if exactly else 'nearly only'} where {condition}")
     return "; ".join(parts)

@@ -14,8 +14,9 @@ from shadelab.course.assignment import Function, named_arrays
 # right answer is 0 a wrong function may be right by chance.
 STRAY = 0.01
 DENSE = 0.5
-PART_DENSE = 0.8  # of a condition for a part of the wrong rows
+RIGHT_INSIDE = 3  # so many wrong rows one that is right costs a condition that is to hold for a part of them
 FEW = 3  # wrong rows describe nothing below it
+TELLS = 1e-3  # of a member's scale: what is smaller is right whatever one does
 EXPECTED = "the expected "
 SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
 
@@ -92,6 +93,13 @@ def channels_of(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
     return colours | {f"(1 - {path})": 1 - a for path, a in colours.items() if columns[path].domain.kind == "rgb"}
 
 
+def telling(truth: np.ndarray, wrong: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """The rows that tell something about where it is wrong: those that are, and those that are right though not by being nearly
+    0, as most of a narrow lobe is whatever one does. truth: (N, columns); wrong: those that are asked about; bad: all of them."""
+    size = np.nan_to_num(np.abs(truth))
+    return wrong | (~bad & (size > TELLS * np.maximum(np.percentile(size, 95, axis=0), 1e-30)).any(axis=1))
+
+
 def place_of(
     function: Function, rows: np.ndarray, truth: np.ndarray, wrong: np.ndarray, whole: np.ndarray | None = None
 ) -> Condition | None:
@@ -132,8 +140,9 @@ def part_of(
         for sign in (1, -1):
             order = np.flatnonzero(whole)[np.argsort(sign * values[whole], kind="stable")]
             bad = wrong[order]
-            dense = np.cumsum(bad) >= PART_DENSE * np.arange(1, len(bad) + 1)
-            if not dense.any() or (last := int(np.flatnonzero(dense & bad)[-1]) if (dense & bad).any() else -1) < FEW:
+            gain = np.cumsum(np.where(bad, 1, -RIGHT_INSIDE))
+            last = int(np.argmax(gain))
+            if gain[last] < FEW:
                 continue
             inside, beyond = values[order[last]], values[order[min(last + 1, len(order) - 1)]]
             threshold = _between(*sorted((inside, beyond)))

@@ -359,10 +359,11 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
             found := _monomial(own, flat | {TRUTH: np.abs(truth.ravel()[chosen])}, compared.tolerance)
         ):
             powers, constant = found
-            out = compared.truth.copy()
-            product = constant * _raised_product(everything | {TRUTH: np.abs(truth)}, powers)
-            out[:, columns] = np.where((truth == 0) & (came == 0), 0.0, product)
-            yield f"ONLY {_product(powers, constant, compared.tolerance).removeprefix('times ')}", out, 3
+            if powers != {TRUTH: 1}:
+                out = compared.truth.copy()
+                product = constant * _raised_product(everything | {TRUTH: np.abs(truth)}, powers)
+                out[:, columns] = np.where((truth == 0) & (came == 0), 0.0, product)
+                yield f"ONLY {_product(powers, constant, compared.tolerance).removeprefix('times ')}", out, 3
         for inverse in (1, -1):
             excess = r**inverse - 1
             if found := _monomial(np.abs(excess), flat, 20 * compared.tolerance):
@@ -382,9 +383,9 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
                 if not np.isfinite(y).all():
                     continue
                 slope, start = np.polyfit(x, y, 1, w=1 / np.maximum(np.abs(y), 1e-9))
-                if (np.abs(slope * x + start - y) <= 2 * compared.tolerance * np.abs(y)).mean() > 0.9 and abs(
-                    slope
-                ) > 0:
+                if (np.abs(slope * x + start - y) <= 2 * compared.tolerance * np.abs(y)).mean() > 0.9 and (
+                    abs(slope) * np.ptp(x) > 0.05 * np.abs(y).mean()
+                ):
                     factor = (slope * everything[name] + start) ** inverse
                     verb = "times" if inverse == 1 else "divided by"
                     yield f"{verb} {_straight(slope, start, name)}", values(factor), 3
@@ -420,7 +421,9 @@ def of_curve(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
     if ramp.sum() < 30:
         return
     x, y = x[ramp], y[ramp]
-    bends = np.abs(y[1:-1] - (y[:-2] + y[2:]) / 2)  # a curve goes through the middle of its neighbours
+    gap = np.maximum(x[2:] - x[:-2], 1e-300)
+    between = y[:-2] + (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / gap
+    bends = np.abs(y[1:-1] - between)  # a curve goes between its neighbours
     if (
         np.mean(bends < 0.02 * np.abs(y[1:-1]) + 1e-3 * np.ptp(y)) < 0.95
         or np.corrcoef(np.argsort(np.argsort(x)), y)[0, 1] ** 2 < 0.1
@@ -463,14 +466,15 @@ def of_sums(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
             c = np.linalg.solve(part, with_y[chosen])
             tried.append((float(y @ y - c @ with_y[chosen]), chosen))
     for _, chosen in sorted(tried, key=lambda t: (t[0] + 1e-9, len(t[1])))[:4]:
-        c, rest = np.linalg.lstsq(x[:, chosen], y, rcond=None)[0], None
+        c = np.linalg.lstsq(x[:, chosen], y, rcond=None)[0]
         c = [round(k, 2) if abs(round(k, 2) - k) < 1e-4 * abs(k) + 1e-6 else float(k) for k in c]
         rest = np.abs(x[:, chosen] @ c - y)
         if np.mean(rest < 5 * compared.tolerance) > 0.9:
             values = compared.truth.copy()
             values[:, columns] = np.reshape(sum(k * known[names[n]] for k, n in zip(c, chosen)), (-1, len(columns)))
-            if [names[n] for n in chosen] == [TRUTH] and abs(c[0] - 1) < 0.01:
-                continue
+            sizes = [abs(k) * np.abs(x[:, n]).mean() for k, n in zip(c, chosen)]
+            if min(sizes) < 0.01 * max(sizes) or names[chosen[0]] == TRUTH and len(chosen) == 1:
+                continue  # one of the two is nothing, or it is a factor
             yield _combination({names[n]: k for k, n in zip(c, chosen)}).replace(" 1", "").replace("  ", " "), values, 3
 
 
