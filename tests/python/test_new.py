@@ -20,9 +20,9 @@ def checkout(tmp_path):
     for name in ("framework", "grader", "build", "CMakeLists.txt", "scenes/meshes"):
         (folder / name).symlink_to(ROOT / name)
 
-    def run(*arguments, timeout=60):
+    def run(*arguments, timeout=60, module=True):
         environment = {**os.environ, "SHADELAB_ROOT": str(folder)}
-        command = [sys.executable, "-I", "-m", "shadelab", *arguments]
+        command = [sys.executable, "-I", *(["-m", "shadelab"] if module else []), *arguments]
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, env=environment)
 
     return folder, run
@@ -70,12 +70,70 @@ def test_the_two_languages_of_the_template_agree():
     assert cpp[cpp.index("") :] == glsl[glsl.index("") :]
 
 
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        ("def wrapped_cosine(", "def wrapped_cosin(", "has no function wrapped_cosine; every function of soft_light needs "
+         "its twin there, in 50 digits: def wrapped_cosine(n, l, wrap)"),
+        ("wrap), mpf(0))", "wrap), mpf(0)", "{line}: cannot be loaded: '(' was never closed"),
+        ("wrap), mpf(0))", "wrap), mp(0))", "{line}: wrapped_cosine fails: NameError: name 'mp' is not defined"),
+        ("(n, l, wrap):", "(n, l):", "wrapped_cosine fails: TypeError: "),
+        ("return max((dot", "return vector(0, 0); max((dot", "wrapped_cosine gives 2 numbers; it must give result"),
+        ("import mpf", "import mpfloat", "{line}: cannot be loaded: ImportError: "),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_exact_py_is_one_line(checkout, old, new, said):
+    folder, run = checkout
+    assert run("new", "soft_light").returncode == 0
+    file = folder / "solution/soft_light/exact.py"
+    text = file.read_text()
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new))
+    ask = (
+        "import numpy, shadelab.truth.exact as e; from shadelab.course.assignment import load_assignment as load; "
+        "from shadelab.paths import SOLUTION; a = load(SOLUTION / 'soft_light'); "
+        "e.evaluate(a, a.function('wrapped_cosine'), numpy.array([[0, 0, 1, 0, 0, 1, 0.5]]))"
+    )
+    done = run("-c", ask, module=False)
+    last = done.stderr.splitlines()[-1]
+    line = next(k for k, content in enumerate(text.splitlines(), 1) if old in content)
+    assert last.startswith("shadelab.errors.UserError: solution/soft_light/exact.py:")
+    assert said.format(line=f"exact.py:{line}") in last
+
+
+@pytest.mark.slow
+def test_reference_names_the_function_without_a_twin(checkout):
+    folder, run = checkout
+    assert run("new", "soft_light").returncode == 0
+    file = folder / "solution/soft_light/exact.py"
+    file.write_text(file.read_text().replace("def wrapped_cosine(", "def wrapped_cosin("))
+    done = run("reference", "soft_light", timeout=600)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "solution/soft_light/exact.py: has no function wrapped_cosine" in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.slow
 def test_it_passes_check_as_it_stands(checkout):
-    _, run = checkout
+    folder, run = checkout
     assert run("new", "soft_light").returncode == 0
+    for name in ("shadelab", "packages.apt", "CMakePresets.json", "pyproject.toml", "LICENSE", ".gitignore"):
+        (folder / name).symlink_to(ROOT / name)
+    for file in ("make_meshes.py", "teapot_patches.txt", "SOURCES.md"):
+        (folder / "scenes" / file).symlink_to(ROOT / "scenes" / file)
+    package = ("package", "soft_light", "--for", "gradescope", "-o", "soft.zip")
+    done = run(*package)  # not before it was checked
+    assert done.returncode == 2 and done.stderr == (
+        "soft_light: ./shadelab check soft_light has not passed for it as it is now; run that, or give --force\n"
+    )
+    assert not (folder / "soft.zip").exists() and run(*package, "--force").returncode == 0
     done = run("check", "soft_light", timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 mistakes and 2 correct variants in 2 languages, 0 missed" in done.stdout
+    assert "note:" not in done.stdout
     done = run("starter", "--verify", "soft_light")
     assert done.returncode == 0
+    assert run(*package).returncode == 0
+    manifest = folder / "solution/soft_light/assignment.toml"
+    manifest.write_text(manifest.read_text().replace("points = 40", "points = 39"))
+    done = run(*package)  # nor after it was changed
+    assert done.returncode == 2 and "./shadelab check soft_light has not passed" in done.stderr

@@ -44,18 +44,24 @@ def check(
 ) -> None:
     """Grade the grader: every declared mistake must lose points and be named, every correct variant must lose none.
 
-    Where mistakes.toml says so, single tokens of the solution are changed as well (mutants); none may pass.
+    Where mistakes.toml says so, single tokens of the solution are changed as well (mutants); none may pass. Notes say what is
+    left open: a graded function without a declared mistake or without a scene, points that are not 100. `package` takes only
+    what has passed.
     """
     from shadelab.course.assignment import assignment_names, find_assignment
     from shadelab.prove.check import check as run_check
+    from shadelab.prove.record import looked_at, remember
     from shadelab.report.matrix import print_matrix
 
     missed = 0
     for name in names or assignment_names():
         declared = find_assignment(SOLUTION / name, name)
+        seen = looked_at(declared)
         with progress_bar() as progress:
             matrix = run_check(declared, progress, images)
-        missed += print_matrix(declared.name, matrix, console())
+        missed += (here := print_matrix(declared.name, matrix, console()))
+        if not here:
+            remember(declared, seen)
     if missed:
         raise typer.Exit(1)
 

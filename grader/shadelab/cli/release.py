@@ -38,12 +38,16 @@ def package(
     seed: Annotated[
         Optional[str], typer.Option(help="what hidden scenes are drawn from (default: drawn at random)")
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="also an assignment that check has not passed")] = False,
 ) -> None:
-    """Write the zip that an autograding service takes. Its hidden scenes are drawn from a seed of its own."""
+    """Write the zip that an autograding service takes. Its hidden scenes are drawn from a seed of its own.
+
+    It takes an assignment that `check` has passed as it is now.
+    """
     from shadelab.course.assignment import find_assignment
     from shadelab.publish.package import write_package
 
-    digest = write_package(find_assignment(SOLUTION / name, name), target, output, seed)
+    digest = write_package(find_assignment(SOLUTION / name, name), target, output, seed, force)
     print(f"{shown(output)}: {output.stat().st_size / 1e6:.1f} MB; digest of the seed: {digest}")
 
 

@@ -18,6 +18,7 @@ from shadelab.course.assignment import Assignment
 from shadelab.errors import UserError
 from shadelab.machine.sandbox import work_folder
 from shadelab.paths import shown
+from shadelab.prove.record import has_passed
 from shadelab.publish.release import TEMPLATES, copy_checkout, copy_scenes, write_given
 
 TARGETS = ("gradescope",)
@@ -26,8 +27,9 @@ READ_BY_PEOPLE = ("handout.md", "pictures")
 SCRIPTS = ("setup.sh", "run_autograder", "shadelab/shadelab")
 
 
-def write_package(assignment: Assignment, target: str, output: Path, seed: str | None) -> str:
-    """Returns the digest of the seed, which results record; without `seed` one is drawn, which nobody gets to see."""
+def write_package(assignment: Assignment, target: str, output: Path, seed: str | None, force: bool) -> str:
+    """Returns the digest of the seed, which results record; without `seed` one is drawn, which nobody gets to see. Raises
+    UserError for an assignment that `check` has not passed as it is now, unless `force`."""
     if target not in TARGETS:
         raise UserError(f"--for {target}: is not known; there is {', '.join(TARGETS)}")
     if output.suffix != ".zip" or output.is_dir():
@@ -36,6 +38,11 @@ def write_package(assignment: Assignment, target: str, output: Path, seed: str |
         raise UserError(f"{shown(output)}: there is no folder {shown(output.parent)}")
     if seed is not None and not seed.strip():
         raise UserError("--seed: is empty; leave it out to have one drawn")
+    if not force and not has_passed(assignment):
+        raise UserError(
+            f"{assignment.name}: ./shadelab check {assignment.name} has not passed for it as it is now; run that, "
+            "or give --force"
+        )
     seed = seed or secrets.token_hex(16)
 
     with work_folder("package") as folder:
