@@ -1,5 +1,6 @@
 """check must notice when the grader misses something, in both directions."""
 
+import dataclasses
 import itertools
 import re
 import subprocess
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 from conftest import ROOT
 from shadelab.cli.app import program
 from shadelab.course.assignment import assignment_names, load_assignment
+from shadelab.course.hidden import Hidden
 from shadelab.course.mistakes import Change, Changes, Equivalent, load_changes, regions, with_bodies, write_submission
 from shadelab.course.mutants import Mutant, mutants
 from shadelab.errors import UserError
@@ -109,6 +111,24 @@ def test_what_is_declared_is_checked_and_mutants_are_bred(check):
         found = re.search(rf"phong: (\d+) mutants in {re.escape(language)} found out, 0 survive", printed)
         assert found and int(found[1]) >= 3, printed
     assert "1 mistakes and 1 correct variants in 2 languages, 0 missed" in printed
+
+
+def test_it_says_what_the_declarations_leave_open(check):
+    """Said, and no reason to fail."""
+    code, printed = check(mistakes=[SIGN], variants=[VARIANT])
+    assert code == 0 and "phong: note: phong_lobe: no mistake of it is declared in mistakes.toml" in printed
+    assert "note: mirror_direction" not in printed and "no scene" not in printed and "add up" not in printed
+
+
+def test_it_says_which_function_no_scene_calls_and_that_points_are_not_100():
+    expected = load(PHONG)
+    fewer = dataclasses.replace(PHONG, public_scenes=PHONG.public_scenes[:1], hidden=Hidden())
+    fewer.public_scenes[0].described.calls[:] = ["phong"]
+    remarks = checking._remarks(fewer, DECLARED, expected)
+    assert "blinn_phong: no scene calls it, so no picture shows a mistake of it" in remarks
+    assert not any(remark.startswith("phong_lobe:") for remark in remarks)
+    assert any("its points add up to " in remark and ", not to 100" in remark for remark in remarks)
+    assert checking._remarks(load_assignment(PHONG.directory), DECLARED, expected) == []
 
 
 def test_a_mistake_that_nobody_sees_gives_exit_1(check):

@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from shadelab.course.assignment import Assignment
-from shadelab.course.mistakes import SUBTLE, Change, load_changes, write_submission
+from shadelab.course.mistakes import FILE as MISTAKES
+from shadelab.course.mistakes import SUBTLE, Change, Changes, load_changes, write_submission
 from shadelab.grading.grade import Grading, grade
 from shadelab.grading.planning import plan_checks
 from shadelab.machine.sandbox import work_folder
 from shadelab.paths import STARTER
 from shadelab.prove.mutants import Mutation, mutate
 from shadelab.truth import making
-from shadelab.truth.expected import with_callers
-from shadelab.words import BACKENDS
+from shadelab.truth.expected import Expected, with_callees, with_callers
+from shadelab.words import BACKENDS, points
 
 STARTER_LIMIT = 0.15
 
@@ -40,6 +41,7 @@ class Row:
 class Matrix:
     rows: list[Row]
     mutations: list[Mutation]
+    remarks: list[str]  # what the declarations leave open: said, and no fault of the grader
 
 
 def check(assignment: Assignment, progress: Callable[[str, int, int], None], images: bool = False) -> Matrix:
@@ -73,7 +75,20 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
         progress(assignment.name, 0, len(subjects))
         with ThreadPoolExecutor(2) as pool:
             rows = list(pool.map(judge, subjects))
-        return Matrix(rows, mutate(assignment, expected, scratch / "mutants", progress))
+        return Matrix(
+            rows, mutate(assignment, expected, scratch / "mutants", progress), _remarks(assignment, changes, expected)
+        )
+
+
+def _remarks(assignment: Assignment, changes: Changes, expected: Expected) -> list[str]:
+    graded = [f.name for f in assignment.functions if f.graded]
+    mistaken = {m.function for m in changes.mistake}
+    drawn = with_callees({name for scene in assignment.scenes for name in scene.described.calls}, expected.facts.calls)
+    out = [f"{name}: no mistake of it is declared in {MISTAKES}" for name in graded if name not in mistaken]
+    out += [f"{name}: no scene calls it, so no picture shows a mistake of it" for name in graded if name not in drawn]
+    if abs(assignment.points - 100) > 1e-6:
+        out.append(f"its points add up to {points(assignment.points)}, not to 100 (hidden scenes and stability included)")
+    return out
 
 
 def worst_rmse(assignment: Assignment, grading: Grading) -> float | None:

@@ -34,6 +34,8 @@ def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
         )
         for survivor in mutation.survivors:
             console.print(f"  survives: {survivor}", markup=False, soft_wrap=True)
+    for remark in matrix.remarks:
+        console.print(f"{name}: note: {remark}", markup=False, soft_wrap=True)
     mistakes, variants = (sum(r.kind == kind for r in matrix.rows) for kind in ("mistake", "variant"))
     missed = sum(bool(r.faults) for r in matrix.rows) + sum(len(m.survivors) for m in matrix.mutations)
     console.print(f"{name}: {mistakes} mistakes and {variants} correct variants in 2 languages, {missed} missed\n")
