@@ -42,7 +42,7 @@ def test_files(checkout):
     for name in written:
         text = (folder / name).read_text()
         assert "__" not in text.replace("__init__", ""), name
-    assert "./shadelab check soft_light" in done.stderr and len(done.stderr.splitlines()) <= 9
+    assert "./shadelab check soft_light" in done.stderr and len(done.stderr.splitlines()) <= 10
     again = run("new", "soft_light")
     assert again.returncode == 2 and again.stderr == "solution/soft_light: is there already; choose another name\n"
 
@@ -101,6 +101,28 @@ def test_what_is_wrong_with_exact_py_is_one_line(checkout, old, new, said):
     assert said.format(line=f"exact.py:{line}") in last
 
 
+def test_starter_follows_the_solution_and_spares_what_is_not_its_own(checkout):
+    """`new` says: starter after each change; nothing of the new assignment is committed then."""
+    folder, run = checkout
+    subprocess.run(["git", "init", "-q", folder], check=True)
+    assert run("new", "soft_light").returncode == 0
+    source, made = (folder / place / "soft_light/shading.cpp" for place in ("solution", "starter"))
+    for round_ in ("once", "twice"):
+        source.write_text(source.read_text() + f"// {round_}\n")
+        done = run("starter", "soft_light")
+        assert done.returncode == 0 and made.read_text().endswith(f"// {round_}\n"), done.stderr
+    made.write_text(made.read_text() + "// by hand\n")
+    done = run("starter", "soft_light")
+    assert done.returncode == 2 and "holds changes that are not committed" in done.stderr
+    assert made.read_text().endswith("// by hand\n")
+    # What cannot be generated costs no starter.
+    handout = folder / "solution/soft_light/handout.md"
+    handout.write_text(handout.read_text() + "\n![none](pictures/none.png)\n")
+    done = run("starter", "soft_light", "--force")
+    assert done.returncode == 2 and "the picture pictures/none.png is not there" in done.stderr
+    assert made.read_text().endswith("// by hand\n")
+
+
 @pytest.mark.slow
 def test_reference_names_the_function_without_a_twin(checkout):
     folder, run = checkout
@@ -118,6 +140,8 @@ def test_it_passes_check_as_it_stands(checkout):
     assert run("new", "soft_light").returncode == 0
     for name in ("shadelab", "packages.apt", "CMakePresets.json", "pyproject.toml", "LICENSE", ".gitignore"):
         (folder / name).symlink_to(ROOT / name)
+    (folder / "scenes" / "meshes").unlink()  # a package refuses what stands outside of scenes/
+    shutil.copytree(ROOT / "scenes" / "meshes", folder / "scenes" / "meshes")
     for file in ("make_meshes.py", "teapot_patches.txt", "SOURCES.md"):
         (folder / "scenes" / file).symlink_to(ROOT / "scenes" / file)
     package = ("package", "soft_light", "--for", "gradescope", "-o", "soft.zip")

@@ -2,10 +2,12 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 from shadelab.course.assignment import find_assignment
 from shadelab.errors import UserError
+from shadelab.files import write_whole
 from shadelab.paths import ROOT, SCENES, SOLUTION, STARTER, shown
 from shadelab.publish.release import RESERVED, TEMPLATES
 from shadelab.publish.starter import write_starter
@@ -30,6 +32,15 @@ def write_assignment(name: str, title: str | None) -> list[Path]:
         "__TITLE_TEXT__": json.dumps(title, ensure_ascii=False),
         "__STRUCT__": "".join(part.capitalize() for part in name.split("_")) + "Material",
     }
+    try:
+        return _write(name, words)
+    except BaseException:  # what is half there would stand in the way of the next try
+        for folder in (SOLUTION / name, SCENES / name, STARTER / name):
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _write(name: str, words: dict[str, str]) -> list[Path]:
     written = []
     for template in sorted((TEMPLATES / "assignment").iterdir()):
         file = SCENES / name / f"{name}.toml" if template.name == "scene.toml" else SOLUTION / name / template.name
@@ -37,7 +48,7 @@ def write_assignment(name: str, title: str | None) -> list[Path]:
         text = template.read_text()
         for word, meaning in words.items():
             text = text.replace(word, meaning)
-        file.write_text(text)
+        write_whole(file, text)
         written.append(file)
     write_starter(find_assignment(SOLUTION / name, name), force=True)
     return written
@@ -50,5 +61,6 @@ def next_steps(name: str) -> str:
   1. solution/{name}/shading.cpp and .glsl: your functions, with STUDENT BEGIN and END round what students write
   2. solution/{name}/assignment.toml: declare them; scenes/{name}: scenes in which likely mistakes show
   3. exact.py, mistakes.toml, hidden.toml, handout.md beside it; ./shadelab starter {name} after each change
-  4. ./shadelab test -k assignments says what an assignment of this course still lacks; docs/make_pictures.py draws its pictures
+  4. ./shadelab test -k assignments says what an assignment of this course still lacks;
+     .shadelab/venv/bin/python docs/make_pictures.py {name} draws its pictures for the gallery
   5. ./shadelab release {name} --out DIR for students, ./shadelab package {name} --for gradescope -o FILE.zip for the grader"""

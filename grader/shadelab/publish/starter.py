@@ -1,14 +1,17 @@
 """starter/NAME, made from solution/NAME: what stands between the STUDENT marks is replaced by a stub that compiles and draws."""
 
+import json
 import re
-import shutil
 import subprocess
+import tempfile
+from hashlib import sha256
 from pathlib import Path
 
 from shadelab.course.assignment import Assignment
 from shadelab.course.mistakes import regions
 from shadelab.errors import UserError
-from shadelab.paths import STARTER, shown
+from shadelab.files import naming, write_whole
+from shadelab.paths import STARTER, STATE, shown
 from shadelab.publish.rubric import MARK, rubric
 
 
@@ -41,17 +44,40 @@ def starter_files(assignment: Assignment) -> dict[str, bytes]:
 
 
 def write_starter(assignment: Assignment, force: bool) -> Path:
-    """Raises UserError when the folder holds what no commit holds, so that nobody's work is lost; `force` overrides."""
+    """Raises UserError when the folder holds what neither a commit holds nor we have written, so that nobody's work is lost;
+    `force` overrides."""
     folder = STARTER / assignment.name
     git = ["git", "-C", str(STARTER.parent), "status", "--porcelain", "--", str(folder)]
     changed = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
-    if changed and not force:
+    record = STATE / "starter" / f"{assignment.name}.json"
+    if changed and not force and _digests(folder) != _recorded(record):
         raise UserError(f"{shown(folder)}: holds changes that are not committed; commit or move them, or give --force")
-    shutil.rmtree(folder, ignore_errors=True)
-    for name, data in starter_files(assignment).items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
+    files = starter_files(assignment)
+    STARTER.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".making-", dir=STARTER) as scratch:
+        made, former = Path(scratch) / "made", Path(scratch) / "former"
+        for name, data in files.items():
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            with naming(folder / name):
+                (made / name).write_bytes(data)
+        if folder.exists():
+            folder.rename(former)
+        made.rename(folder)
+    record.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(record, json.dumps(_digests(folder)))
     return folder
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    return {str(f.relative_to(folder)): sha256(f.read_bytes()).hexdigest() for f in folder.rglob("*") if f.is_file()}
+
+
+def _recorded(file: Path) -> dict[str, str] | None:
+    """The digests of what was last written there."""
+    try:
+        return json.loads(file.read_text())
+    except (OSError, ValueError):
+        return None
 
 
 def differences(assignment: Assignment) -> list[str]:

@@ -1,0 +1,72 @@
+"""Files that appear whole or not at all, and errors that say which file it was."""
+
+import errno
+import fcntl
+import os
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from shadelab.errors import UserError
+from shadelab.paths import shown
+
+
+@contextmanager
+def whole(file: Path) -> Iterator[Path]:
+    """Gives a path beside `file` to write to, which takes its place at the end: whoever reads, or kills us, finds a whole file,
+    the old or the new one. Raises OSError that names `file`."""
+    part = file.with_name(f".{os.getpid()}-{threading.get_ident()}.{file.name}")  # the suffix says which format it is
+    try:
+        with naming(part):
+            yield part
+            os.replace(part, file)
+    except OSError as error:
+        if error.filename == str(part):
+            error.filename, error.filename2 = str(file), None
+        raise
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_whole(file: Path, text: str) -> None:
+    with whole(file) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """What fails while a file that is open is written names no file: it gets this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename:
+            raise
+        if isinstance(error, shutil.Error):  # of a whole folder: a list, of which the first tells enough
+            _, target, why = error.args[0][0]
+            raise OSError(errno.EIO, why.removeprefix("[Errno 28] "), target) from None
+        why = (
+            error.strerror or f"could not be written whole ({error})"
+        )  # numpy counts what was written, and gives no reason
+        raise OSError(error.errno or errno.EIO, why, str(path)) from None
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Nobody else who asks for it writes in the folder meanwhile. The lock belongs to this process: it goes however that ends.
+    Raises UserError."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise UserError(
+            f"{shown(folder)}: another grading is writing there; wait until it is done, or choose another folder with --out"
+        ) from None
+    except OSError:
+        pass  # this file system knows no locks
+    try:
+        yield
+    finally:
+        os.close(handle)
