@@ -3,10 +3,11 @@
 import errno
 import fcntl
 import os
+import re
 import shutil
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from shadelab.errors import UserError
@@ -19,15 +20,12 @@ def whole(file: Path) -> Iterator[Path]:
     the old or the new one. Raises OSError that names `file`."""
     part = file.with_name(f".{os.getpid()}-{threading.get_ident()}.{file.name}")  # the suffix says which format it is
     try:
-        with naming(part):
+        with naming(file, made_as=part):
             yield part
             os.replace(part, file)
-    except OSError as error:
-        if error.filename == str(part):
-            error.filename, error.filename2 = str(file), None
-        raise
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # what went wrong first is what is told
+            part.unlink(missing_ok=True)
 
 
 def write_whole(file: Path, text: str) -> None:
@@ -36,20 +34,20 @@ def write_whole(file: Path, text: str) -> None:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """What fails while a file that is open is written names no file: it gets this one."""
+def naming(path: Path, made_as: Path | None = None) -> Iterator[None]:
+    """An OSError that names no file, as while one that is open is written, gets this one; so does one that names `made_as`, where
+    it is put together, or what stands below."""
     try:
         yield
     except OSError as error:
-        if error.filename:
-            raise
+        code, why, name = error.errno, error.strerror, str(error.filename2 or error.filename or path)
         if isinstance(error, shutil.Error):  # of a whole folder: a list, of which the first tells enough
-            _, target, why = error.args[0][0]
-            raise OSError(errno.EIO, why.removeprefix("[Errno 28] "), target) from None
-        why = (
-            error.strerror or f"could not be written whole ({error})"
-        )  # numpy counts what was written, and gives no reason
-        raise OSError(error.errno or errno.EIO, why, str(path)) from None
+            _, name, said = error.args[0][0]
+            why = re.sub(r"^\[Errno \d+\] ([^:]*).*$", r"\1", said)
+        if made_as is not None and Path(name).is_relative_to(made_as):
+            name = str(path / Path(name).relative_to(made_as))
+        # numpy counts what was written, and gives no reason
+        raise OSError(code or errno.EIO, why or f"could not be written whole ({error})", name) from None
 
 
 @contextmanager

@@ -1,13 +1,13 @@
 """result.json: the one record of a grading run. Reports are made from it."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel
 
 from shadelab.errors import UserError
+from shadelab.files import write_whole
 from shadelab.paths import shown
 
 SCHEMA = "shadelab/result/1"
@@ -87,10 +87,7 @@ class Result(BaseModel):
         return json.dumps(data, indent=1, allow_nan=False) + "\n"
 
     def write(self, file: Path) -> None:
-        """Atomically: whoever reads, or kills us, finds a whole file."""
-        temporary = file.with_name(file.name + ".part")
-        temporary.write_text(self.to_json())
-        os.replace(temporary, file)
+        write_whole(file, self.to_json())
 
 
 def load_result(folder: Path) -> Result:

@@ -4,6 +4,7 @@ Exit codes: 0 done (a low score is still 0); 1 only for --fail-under or a failed
 3 infrastructure.
 """
 
+import errno
 import functools
 import importlib
 import os
@@ -16,12 +17,18 @@ import typer
 from shadelab.cli.options import NARROWEST, USUAL
 from shadelab.cli.streams import exit_code, guard_streams
 from shadelab.errors import InfrastructureError, UserError
-from shadelab.paths import ROOT, STATE
+from shadelab.paths import ROOT, STATE, shown
 
 # In the order of `--help`. A release holds no solution: what instructors use is not there.
 GROUPS = ("grading", "drawing", "course", "measuring", "release", "machine")
 INSTRUCTORS = ("course", "measuring", "release")
 PLANNED = ("view", "lecture", "site", "fit", "acquire", "cohort")  # commands whose names are settled
+
+FULL, CLOSED = "; make room, or write elsewhere", "; write elsewhere: --out, or -o, says where"
+MENDS = {
+    errno.ENOSPC: FULL, errno.EDQUOT: FULL, errno.EIO: FULL, errno.EFBIG: FULL,
+    errno.EROFS: CLOSED, errno.EACCES: CLOSED, errno.EPERM: CLOSED,
+}  # fmt: skip
 
 app = typer.Typer(
     add_completion=False,
@@ -106,8 +113,8 @@ def _run() -> int:
                 file=sys.stderr,
             )
             return 3
-        where = f"{error.filename}: " if error.filename else ""  # writing into an open file names none
-        print(f"{where}{error.strerror or error}", file=sys.stderr)
+        where = f"{shown(name)}: " if (name := error.filename2 or error.filename) else ""  # writing into an open file names none
+        print(f"{where}{error.strerror or error}{MENDS.get(error.errno, '')}", file=sys.stderr)
         return 3
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

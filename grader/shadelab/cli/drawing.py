@@ -1,5 +1,6 @@
 """render, eval, probe: what shading functions draw and compute."""
 
+import shutil
 import sys
 import time
 import zipfile
@@ -20,6 +21,7 @@ from shadelab.cli.options import (
     progress_bar,
 )
 from shadelab.errors import UserError
+from shadelab.files import whole
 from shadelab.machine.sandbox import Limits, Sandbox, work_folder
 from shadelab.paths import ROOT, shown
 
@@ -117,9 +119,11 @@ def render(
         output.parent.mkdir(parents=True, exist_ok=True)
 
     with work_folder("render") as work:
-        packet_file = packet or work / "frame.packet"
+        packet_file = work / "frame.packet"
         if packet or backend == "glsl":
             print(renderer.packet(scene, declared.directory, packet_file, view), end="", file=sys.stderr)
+        if packet:
+            _hand_over(packet_file, packet)
         if packet and output is None:
             if explain:
                 _print_needs(renderer.describe(scene, declared.directory, view, explain=True).needs)
@@ -135,7 +139,7 @@ def render(
             [(_, drawn)] = gl.run([Draw(Scene(scene.stem, scene, declared.directory), packet_file)])
             if drawn.array is None:
                 raise UserError(f"{shown(scene)}: the render {drawn.failure}")
-            _write_image(drawn.array if layers else drawn.array[..., :3], output, exposure)
+            _write_image(drawn.array if layers else drawn.array[..., :3], output, exposure, work)
     print(shown(output))
 
 
@@ -152,7 +156,9 @@ def _render_cpp(
     loops = None if view.full else tuple(described.needs.loops)
     runner = CppRunner(declared, sandbox, Recipe(double, functions=view.full, loops=loops, terms=described.needs.terms))
     seconds = _student_build(runner, folder)
-    files = renderer.ImageFiles(output.resolve(), exposure=exposure, threads=threads, explain=explain)
+    drawn = work / "drawn"  # with --layers there are several files
+    drawn.mkdir()
+    files = renderer.ImageFiles(drawn / output.name, exposure=exposure, threads=threads, explain=explain)
     compare = explain and not view.full
     if compare:
         everything = CppRunner(declared, sandbox, Recipe(double))
@@ -160,6 +166,8 @@ def _render_cpp(
         files = replace(files, full_plugin=everything.plugin.file)
     command = renderer.image(described, declared.directory, runner.plugin.file, view, files)
     _show(sandbox.run(command, RENDER_LIMITS, cwd=Path.cwd()))
+    for file in drawn.iterdir():
+        _hand_over(file, output.with_name(file.name))
     if compare and min(seconds, full_seconds) > 0.3:  # neither was there already
         print(f"compiled in {seconds:.2f} s instead of {full_seconds:.2f} s with every loop and layer")
 
@@ -213,21 +221,24 @@ def _show(outcome) -> None:
         raise UserError(f"the render {outcome.explain(RENDER_LIMITS)}")
 
 
-def _write_image(image, output: Path, exposure: float) -> None:
+def _hand_over(file: Path, target: Path) -> None:
+    with whole(target) as part:
+        shutil.copyfile(file, part)
+
+
+def _write_image(image, output: Path, exposure: float, work: Path) -> None:
     """What the C++ film writes, for an image of the OpenGL client."""
     import numpy as np
 
     from shadelab.machine import renderer
 
-    if output.suffix == ".npy":
-        np.save(output, image)
-        return
-    raw = output.with_suffix(".part.npy")
-    np.save(raw, image)
-    try:
-        renderer.convert(raw, output, exposure)
-    finally:
-        raw.unlink()
+    with whole(output) as part:
+        if output.suffix == ".npy":
+            np.save(part, image)
+            return
+        raw = work / "image.npy"
+        np.save(raw, image)
+        renderer.convert(raw, part, exposure)
 
 
 def evaluate(
@@ -302,7 +313,8 @@ def evaluate(
         raise UserError(f"{function} {result.failure}")
     results = named_arrays(wanted.outputs, result.array)
     if output:
-        np.savez(output, **results)
+        with whole(output) as part:
+            np.savez(part, **results)
     for row in range(min(len(rows), 10)):
         given = ", ".join(f"{name} = {_short(a[row])}" for name, a in named_arrays(columns, rows).items())
         came = ", ".join(f"{name} = {_short(a[row])}" for name, a in results.items())

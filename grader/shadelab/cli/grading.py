@@ -9,6 +9,7 @@ import typer
 
 from shadelab.cli.options import AssignmentName, Json, Submission, console, json_option, make_folder, progress_bar
 from shadelab.errors import UserError
+from shadelab.files import alone_in
 from shadelab.paths import shown
 
 
@@ -75,13 +76,14 @@ def grade(
         for name in format or []:
             write_format(name, result, out)
 
-    with progress_bar() as progress:
-        grading = run_grade(declared, directory, out, only or "*", progress, rewrite, html, hidden_details)
-    result = grading.result
-    write_worst_inputs(declared, result, directory, out)
-    rewrite(result)
-    if html:
-        write_html(result, grading.pictures, out / "report.html", declared.title, hidden_details)
+    with alone_in(out):
+        with progress_bar() as progress:
+            grading = run_grade(declared, directory, out, only or "*", progress, rewrite, html, hidden_details)
+        result = grading.result
+        write_worst_inputs(declared, result, directory, out)
+        rewrite(result)
+        if html:
+            write_html(result, grading.pictures, out / "report.html", declared.title, hidden_details)
     if os.environ.get("GITHUB_ACTIONS") == "true":  # its runner reads them from any output
         for line in annotations(result, shown(directory)):
             print(line, file=sys.stderr)
@@ -111,16 +113,17 @@ def report(
 
     result = load_result(directory)
     check_formats(format)
-    for name in format or []:
-        print(f"wrote {shown(write_format(name, result, directory))}", file=sys.stderr)
     kept, page = PictureFolder(directory / FOLDER, kept=True), directory / "report.html"
-    if title := kept.title():
-        pictures = kept.of(result)
-        write_html(result, pictures, page, title, hidden_details)
-        if hidden_details and any(c.hidden and c.kind == "image" and c.id not in pictures for c in result.checks):
-            print("no pictures of hidden scenes: only grade --hidden-details keeps them", file=sys.stderr)
-    else:
-        print(f"{shown(directory)}: holds no evidence/about.json, so report.html is not made", file=sys.stderr)
+    with alone_in(directory):
+        for name in format or []:
+            print(f"wrote {shown(write_format(name, result, directory))}", file=sys.stderr)
+        if title := kept.title():
+            pictures = kept.of(result)
+            write_html(result, pictures, page, title, hidden_details)
+            if hidden_details and any(c.hidden and c.kind == "image" and c.id not in pictures for c in result.checks):
+                print("no pictures of hidden scenes: only grade --hidden-details keeps them", file=sys.stderr)
+        else:
+            print(f"{shown(directory)}: holds no evidence/about.json, so report.html is not made", file=sys.stderr)
     print_result(result, console(), page if title else None, hidden_details)
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from shadelab.errors import UserError
+from shadelab.files import naming, write_whole
 from shadelab.paths import SCENES, shown
 
 NARROWEST, USUAL = 20, 80  # columns of a terminal
@@ -94,7 +95,12 @@ class Json:
         if self.target == "-":
             print(text, end="")
         elif self.target:
-            Path(self.target).write_text(text)
+            target = Path(self.target)
+            if target.exists() and not target.is_file():  # a pipe or a device
+                with naming(target):
+                    target.write_text(text)
+            else:
+                write_whole(target, text)
 
 
 def existing_scene(scene: Path) -> Path:

@@ -6,6 +6,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from shadelab.cli.options import progress_bar
 from shadelab.paths import SOLUTION, shown
 
 
@@ -24,7 +25,9 @@ def release(
     from shadelab.publish.release import folder_size, write_release
 
     declared = find_assignment(SOLUTION / name, name)
-    for warning in write_release(declared, out, force):
+    with progress_bar() as progress:
+        warnings = write_release(declared, out, force, progress)
+    for warning in warnings:
         print(f"{shown(out)}: {warning}", file=sys.stderr)
     print(
         f"{shown(out)}: {folder_size(out) / 1e6:.0f} MB; students start with: cd {shown(out)} && ./shadelab grade {name}"

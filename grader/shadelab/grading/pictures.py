@@ -7,7 +7,6 @@ evidence/about.json                 what reports say beside the result
 """
 
 import json
-import os
 import shutil
 import threading
 import zlib
@@ -23,6 +22,7 @@ import numpy as np
 
 from shadelab.course.assignment import Scene
 from shadelab.errors import UserError
+from shadelab.files import whole, write_whole
 from shadelab.paths import shown
 from shadelab.result import Result
 from shadelab.truth.expected import SceneTruth
@@ -142,7 +142,8 @@ class PictureFolder:
     def save(self, backend: str, scene: str, layers: np.ndarray) -> None:
         file = self.file(backend, scene)
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(file, layers)
+        with whole(file) as part:
+            np.save(part, layers)
 
     def keep_truth(self, expected: Path, scene: str) -> None:
         """Of the expected data's folder. A copy: whatever becomes of it, the next grading's truth is another file."""
@@ -150,9 +151,8 @@ class PictureFolder:
             target = self.truth_file(scene).with_suffix(suffix)
             if not target.exists():  # the other language's check of the scene may be here at the same time
                 target.parent.mkdir(parents=True, exist_ok=True)
-                temporary = target.with_name(f"{target.name}.{threading.get_ident()}")
-                shutil.copyfile(expected / f"{scene}{suffix}", temporary)
-                os.replace(temporary, target)
+                with whole(target) as part:
+                    shutil.copyfile(expected / f"{scene}{suffix}", part)
 
     def title(self) -> str | None:
         """Of the assignment; None where no pictures were kept. Raises UserError for a file that says nothing of the kind."""
@@ -164,7 +164,7 @@ class PictureFolder:
 
     def write_about(self, **facts: Any) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / "about.json").write_text(json.dumps(facts, indent=1) + "\n")
+        write_whole(self.folder / "about.json", json.dumps(facts, indent=1) + "\n")
 
     def of(self, result: Result) -> dict[str, Pictures]:
         """By the id of the image check."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, find_assignment, named_arrays
 from shadelab.errors import UserError
+from shadelab.files import whole
 from shadelab.grading.kinds import kind_of
 from shadelab.paths import shown
 from shadelab.result import Result
@@ -31,7 +32,8 @@ def write_worst_inputs(assignment: Assignment, result: Result, submission: Path,
             columns = assignment.function(name).inputs
             inputs = {name: check.worst.inputs[name] for name in dict.fromkeys(c.path for c in columns)}
             flat = [float(v) for values in inputs.values() for v in values]
-            np.savez(file, **named_arrays(columns, np.array([flat], np.float32)))
+            with whole(file) as part:
+                np.savez(part, **named_arrays(columns, np.array([flat], np.float32)))
             command = ["eval", shown(submission), name, "--backend", check.backend, "--inputs", shown(file), *named]
         elif how == "render":
             scene = next(s for s in assignment.scenes if s.name == name)

@@ -17,6 +17,7 @@ from shadelab.evidence import intake
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.glsl import GlslRunner
 from shadelab.evidence.tasks import BuildError, Evaluate
+from shadelab.files import whole
 from shadelab.judge.stability import FLOORS, ROUNDINGS, Stability, judge_extremes, row_input, stable_inputs
 from shadelab.machine.build import DOUBLE, FUNCTIONS
 from shadelab.machine.sandbox import Sandbox, work_folder
@@ -150,6 +151,7 @@ def write_inputs(report: Report, submission: Path, out: Path, named: list[str]) 
         out.mkdir(parents=True, exist_ok=True)
         file = out / f"{series}-{line.function.name}.npz"
         rows = line.found[series].table.rows[row : row + 1]
-        np.savez(file, **named_arrays(line.function.inputs, rows))
+        with whole(file) as part:
+            np.savez(part, **named_arrays(line.function.inputs, rows))
         command = ["eval", shown(submission), line.function.name, "--backend", series, "--inputs", shown(file), *named]
         report.replays[line.function.name] = shlex.join(["./shadelab", *command])

@@ -24,6 +24,7 @@ import numpy as np
 from shadelab.course.assignment import Scene, assignment_names, load_assignment
 from shadelab.course.hidden import draw_hidden_scenes
 from shadelab.errors import InfrastructureError, UserError
+from shadelab.files import write_whole
 from shadelab.machine import renderer
 from shadelab.machine.build import CompileError, Recipe, build_plugin
 from shadelab.machine.sandbox import Sandbox, work_folder
@@ -317,6 +318,4 @@ def kept_results(file: Path, key: dict[str, Any]) -> dict[str, Any]:
 
 def keep_results(file: Path, key: dict[str, Any], results: dict[str, Any]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_suffix(".part")
-    part.write_text(json.dumps({"key": key, "results": results}))
-    part.replace(file)
+    write_whole(file, json.dumps({"key": key, "results": results}))

@@ -7,7 +7,6 @@ It holds the solution and the seed of the hidden scenes: it is for instructors a
 """
 
 import json
-import os
 import re
 import secrets
 import shutil
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from shadelab.course.assignment import Assignment
 from shadelab.errors import UserError
+from shadelab.files import whole
 from shadelab.machine.sandbox import work_folder
 from shadelab.paths import shown
 from shadelab.prove.record import has_passed
@@ -73,13 +73,8 @@ def _write_solution(assignment: Assignment, folder: Path, seed: str) -> None:
 
 def _zip(folder: Path, output: Path) -> None:
     """Equal content gives equal bytes: no times, sorted names."""
-    temporary = output.with_name(f"{output.name}.{os.getpid()}")
-    try:
-        with zipfile.ZipFile(temporary, "w") as archive:
-            for file in sorted(f for f in folder.rglob("*") if f.is_file()):
-                entry = zipfile.ZipInfo(str(file.relative_to(folder)))  # of 1980: older than all that is made from it
-                entry.external_attr = (0o100755 if entry.filename in SCRIPTS else 0o100644) << 16
-                archive.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)
-        os.replace(temporary, output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole(output) as part, zipfile.ZipFile(part, "w") as archive:
+        for file in sorted(f for f in folder.rglob("*") if f.is_file()):
+            entry = zipfile.ZipInfo(str(file.relative_to(folder)))  # of 1980: older than all that is made from it
+            entry.external_attr = (0o100755 if entry.filename in SCRIPTS else 0o100644) << 16
+            archive.writestr(entry, file.read_bytes(), zipfile.ZIP_DEFLATED)

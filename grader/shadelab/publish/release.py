@@ -11,10 +11,12 @@ release.json                        names these files, so that --force replaces 
 
 import hashlib
 import json
+import os
 import re
 import shutil
+import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +26,15 @@ from shadelab.course.mistakes import regions
 from shadelab.course.stability import FILE as STABILITY
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
+from shadelab.files import naming
 from shadelab.paths import ROOT, SCENES, shown
 from shadelab.publish.starter import starter_files
 from shadelab.truth import making
-from shadelab.truth.expected import public_files
+from shadelab.truth.expected import Expected, public_files
 
 TEMPLATES = Path(__file__).parent / "templates"
 RECORD = "release.json"
+MAKING = ".making-"  # how the folder begins in which a release is put together
 # Folders of a release, which no assignment can be called: its own stands beside them.
 RESERVED = ("assignments", "build", "expected", "out")
 
@@ -46,21 +50,35 @@ INSTRUCTORS = (
 SHORT = 16  # a marked line of fewer characters says nothing by itself: `return vec3(0.0);` and shorter ones
 
 
-def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
-    """Returns what an instructor should know about it, a line each."""
+def write_release(
+    assignment: Assignment, out: Path, force: bool, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> list[str]:
+    """Returns what an instructor should know about it, a line each. Whatever interrupts it, `out` holds a whole release, the old
+    or the new one, or is as it was but for what --force can replace."""
     if (ROOT / assignment.name).exists() or assignment.name in RESERVED:
         raise UserError(f"{assignment.name}: a release has something else of this name; call the assignment otherwise")
-    made = making.load(assignment)
-    files = starter_files(assignment)
+    former = _former(out, force)
+    made = making.load(assignment, progress)
     for scene in assignment.public_scenes:
         if missing := scene.missing_meshes():
             raise UserError(
                 f"{shown(scene.file)}: the mesh {missing[0].name} is not on this machine, so there is no expected image "
                 "to release (./shadelab doctor says how to get it)"
             )
-    _make_room(out, force)
-    others = _files(out)
+    begun = not out.exists()
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryDirectory(prefix=MAKING, dir=out) as scratch, naming(out, Path(scratch)):
+            warnings = _compose(assignment, made, Path(scratch), progress)
+            _exchange(former, Path(scratch), out)
+    except BaseException:
+        if begun and not any(out.iterdir()):
+            out.rmdir()
+        raise
+    return warnings
 
+
+def _compose(assignment: Assignment, made: Expected, out: Path, progress: Callable[[str, int, int], None]) -> list[str]:
     copy_checkout(out)
     shutil.rmtree(out / "framework" / "tools", ignore_errors=True)
     for name in INSTRUCTORS:
@@ -78,36 +96,33 @@ def write_release(assignment: Assignment, out: Path, force: bool) -> list[str]:
         shutil.copy(file, own / "checks")
     shipped = out / "expected" / assignment.name
     shipped.mkdir(parents=True, exist_ok=True)
-    for file in public_files(made, assignment):
-        if (
-            file.suffix != ".packet"
-        ):  # they repeat the meshes, of which one is not ours to hand on; students' machines make them
-            _copy_smaller(file, shipped / file.name)
-    for name, data in files.items():
+    # Packets repeat the meshes, of which one is not ours to hand on; students' machines make them.
+    data_files = [file for file in public_files(made, assignment) if file.suffix != ".packet"]
+    for done, file in enumerate(data_files):
+        progress(f"release {assignment.name}: {file.name}", done, len(data_files))
+        _copy_smaller(file, shipped / file.name)
+    for name, data in starter_files(assignment).items():
         (out / assignment.name / name).parent.mkdir(parents=True, exist_ok=True)
         if name == "handout.md":
             data = data.replace(f"starter/{assignment.name}".encode(), assignment.name.encode())
         (out / assignment.name / name).write_bytes(data)
     _write_templates(assignment, out)
-    digests = {str(f.relative_to(out)): _digest(f) for f in _files(out) if f not in others}
+    digests = {str(f.relative_to(out)): _digest(f) for f in _files(out)}
     record = {"shadelab": __version__, "assignment": assignment.name, "files": digests}
     (out / RECORD).write_text(json.dumps(record, indent=1) + "\n")
-
     warnings = [
         f"it holds the solution of {given.name}, which {assignment.name} builds on"
         for given in given_assignments(assignment)
     ]
-    warnings += [f"{where} holds a line of the solution: {line}" for where, line in leaks(assignment, out)]
-    return warnings
+    return warnings + [f"{where} holds a line of the solution: {line}" for where, line in leaks(assignment, out)]
 
 
-def _make_room(out: Path, force: bool) -> None:
-    """An empty folder, or one in which nothing stands at the places of a former release."""
+def _former(out: Path, force: bool) -> list[Path]:
+    """The files of a former release that are there. Raises UserError for a folder that holds anything else instead."""
     if out.exists() and not out.is_dir():
         raise UserError(f"{shown(out)}: is a file; give a folder that is empty or not there yet")
     if not out.exists() or not any(out.iterdir()):
-        out.mkdir(parents=True, exist_ok=True)
-        return
+        return []
     try:
         former = json.loads((out / RECORD).read_text())["files"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -118,14 +133,27 @@ def _make_room(out: Path, force: bool) -> None:
     for file in present:
         if _digest(file) != former[str(file.relative_to(out))]:
             raise UserError(f"{shown(file)}: was changed since the release; move it away first")
-    for file in [*present, out / RECORD]:
+    return present
+
+
+def _exchange(former: list[Path], made: Path, out: Path) -> None:
+    """The record is there from the first new file on: what is cut off here, --force replaces."""
+    for file in former:
         file.unlink()
+    os.replace(made / RECORD, out / RECORD)
+    for file in _files(made):
+        target = out / file.relative_to(made)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(file, target)
 
 
 def _files(out: Path) -> list[Path]:
     """Those of a release, without what git, ./shadelab and the build keep in its folder."""
     others = (".git", ".shadelab", "build", "out", "scenes/meshes", RECORD)
-    return sorted(f for f in out.rglob("*") if f.is_file() and not any(f.is_relative_to(out / o) for o in others))
+    found = (
+        file for file in out.rglob("*") if file.is_file() and not any(file.is_relative_to(out / o) for o in others)
+    )
+    return sorted(file for file in found if not file.relative_to(out).parts[0].startswith(MAKING))
 
 
 def _digest(file: Path) -> str:

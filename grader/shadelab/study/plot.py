@@ -4,6 +4,7 @@ on white and on dark ground."""
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from shadelab.files import whole
 from shadelab.study.points import Guide, Part, Point
 
 # Colours that stay apart for colour-blind eyes and in grey (Okabe and Ito 2008), with a marker and a line each.
@@ -119,7 +120,8 @@ def plot(title: str, panels: list[Panel], stem: Path) -> list[Path]:
             figure.set_layout_engine("none")
             for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None, "Creator": None})):
                 file = stem.with_name(f"{stem.name}-{ground}{suffix}")
-                figure.savefig(file, dpi=110, metadata=metadata)
+                with whole(file) as part:
+                    figure.savefig(part, dpi=110, metadata=metadata)
                 written.append(file)
             pyplot.close(figure)
     return written

@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from shadelab.files import write_whole
 from shadelab.measure.timing import milliseconds
 from shadelab.study.plot import draw_part
 from shadelab.study.points import Part
@@ -15,8 +16,8 @@ from shadelab.study.run import as_csv
 
 def write_files(result: dict[str, Any], parts: list[Part], folder: Path) -> list[Path]:
     json_file, csv_file = folder / "study.json", folder / "study.csv"
-    json_file.write_text(as_text(result))
-    csv_file.write_text(as_csv(result))
+    write_whole(json_file, as_text(result))
+    write_whole(csv_file, as_csv(result))
     return [json_file, csv_file, *(file for part in parts for file in draw_part(part, folder))]
 
 

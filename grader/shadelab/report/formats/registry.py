@@ -1,11 +1,11 @@
 """The reports that other programs read, by name: each is a function of the result alone."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from shadelab.errors import UserError
+from shadelab.files import write_whole
 from shadelab.report.formats.classroom50 import classroom50
 from shadelab.report.formats.gradescope import results
 from shadelab.report.formats.junit import junit
@@ -35,11 +35,9 @@ def check_formats(names: list[str] | None) -> None:
 
 
 def write_format(format: str, result: Result, folder: Path) -> Path:
-    """Atomically, as result.json is: a platform that ends the run early finds what was earned until then."""
+    """A platform that ends the run early finds what was earned until then."""
     if format not in FORMATS:
         raise UserError(f"the format {format} is not known: choose {', '.join(FORMATS)}")
     file = folder / FORMATS[format].file
-    temporary = file.with_name(file.name + ".part")
-    temporary.write_text(FORMATS[format].text(result), encoding="utf-8")
-    os.replace(temporary, file)
+    write_whole(file, FORMATS[format].text(result))
     return file

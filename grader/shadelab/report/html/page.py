@@ -9,6 +9,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from shadelab.files import write_whole
 from shadelab.grading.pictures import Pictures
 from shadelab.report.html.illustrations import illustrate
 from shadelab.report.html.pictures import RAMP
@@ -80,7 +81,7 @@ def write_html(
         data={"checks": illustrated.viewers, "scenes": illustrated.scenes, "ramp": RAMP},
         limits={"printed": PRINTED, "message": MESSAGE, "value": VALUE},
     )
-    file.write_text(page.lstrip(), encoding="utf-8")
+    write_whole(file, page.lstrip())
 
 
 def _without_hidden(result: Result) -> Result:
