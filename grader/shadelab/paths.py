@@ -1,30 +1,40 @@
-"""Where things stand in the checkout."""
+"""Where things stand in the checkout, and where what is made while it is used."""
 
 import hashlib
 import os
+import tempfile
 from pathlib import Path
-
-
-def _state(root: Path) -> Path:
-    """What is made on the way: in the checkout, or in the user's cache where the checkout is another user's or read-only."""
-    own = root / ".shadelab"
-    if os.access(own if own.exists() else root, os.W_OK):
-        return own
-    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    return Path(cache) / "shadelab" / hashlib.sha256(str(root).encode()).hexdigest()[:16]
-
 
 PACKAGE = Path(__file__).resolve().parent
 ROOT = Path(os.environ.get("SHADELAB_ROOT") or PACKAGE.parents[1])
-STATE = _state(ROOT)
+SET_UP = ROOT / ".shadelab"  # what ./shadelab made
+
+
+def _state() -> Path:
+    """SHADELAB_STATE, or the checkout's own folder, or for one that cannot be written to a folder of the user's."""
+    if given := os.environ.get("SHADELAB_STATE"):
+        return Path(given).absolute()
+    if os.access(SET_UP if SET_UP.exists() else ROOT, os.W_OK):
+        return SET_UP
+    home = os.environ.get("HOME")
+    cache = os.environ.get("XDG_CACHE_HOME") or (f"{home}/.cache" if home else tempfile.gettempdir())
+    return Path(cache).absolute() / "shadelab" / f"{ROOT.name}-{hashlib.sha256(str(ROOT).encode()).hexdigest()[:12]}"
+
+
+STATE = _state()
 RENDER = ROOT / "build" / "shadelab-render"
 FRAMEWORK = ROOT / "framework"
 # In a release, the manifests of its assignments, and of the given ones the code as well.
 SOLUTION = ROOT / ("solution" if (ROOT / "solution").is_dir() else "assignments")
 STARTER = ROOT / "starter"
 SCENES = ROOT / "scenes"
-EXPECTED = STATE / "expected"
 SHIPPED = ROOT / "expected"  # in a release: the public part, ready made
+
+
+def kept(*names: str) -> Path:
+    """A folder of STATE; where the checkout has it already, and STATE is elsewhere, that one: it is read and not written to."""
+    own = SET_UP.joinpath(*names)
+    return own if STATE != SET_UP and os.access(own, os.R_OK | os.X_OK) else STATE.joinpath(*names)
 
 
 def shown(path: Path | str) -> str:

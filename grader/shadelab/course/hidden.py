@@ -22,7 +22,7 @@ from pydantic import Field
 
 from shadelab.course.toml_files import Declared, read_toml, validated
 from shadelab.errors import UserError
-from shadelab.paths import STATE, shown
+from shadelab.paths import kept, shown
 
 
 class Variation(Declared):
@@ -71,7 +71,7 @@ def hidden_scene_files(declared: Hidden, directory: Path, assignment: str) -> It
     made_from = hashlib.sha256(declared.model_dump_json().encode() + Path(__file__).read_bytes())
     for base in (_base(directory, family) for family in declared.family):
         made_from.update(b"\0" + (base.read_bytes() if base.exists() else b""))
-    folder = STATE / "hidden" / made_from.hexdigest()[:16] / assignment
+    folder = kept("hidden", made_from.hexdigest()[:16], assignment)
     for family in declared.family:
         for number in range(1, family.scenes + 1):
             yield folder / (f"hidden-{family.name}" + (f"-{number}" if number > 1 else "") + ".toml"), family, number

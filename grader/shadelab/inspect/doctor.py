@@ -12,7 +12,7 @@ from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.hidden import draw_hidden_scenes
 from shadelab.gl.environment import ENVIRONMENT
 from shadelab.machine.processor import processor_level
-from shadelab.paths import RENDER, SOLUTION, shown
+from shadelab.paths import RENDER, SET_UP, SOLUTION, STATE, shown
 
 
 @dataclass
@@ -44,10 +44,21 @@ def examine() -> list[Finding]:
     else:
         out.append(Finding("framework", "bad", "not built", "run ./shadelab again and read what the build says"))
 
+    out.append(_state())
     out += _opengl()
     if RENDER.exists():
         out += _meshes()
     return out
+
+
+def _state() -> Finding:
+    """Where what is made while the checkout is used goes: expected data, compiled code."""
+    why = {True: "SHADELAB_STATE says so", False: "the checkout cannot be written to"}["SHADELAB_STATE" in os.environ]
+    says = f"{shown(STATE)}" + ("" if STATE == SET_UP else f"; {why}")
+    there = next(folder for folder in (STATE, *STATE.parents) if folder.exists())
+    if os.access(there, os.W_OK):
+        return Finding("working data", "ok", says)
+    return Finding("working data", "bad", f"{says}; it cannot be written to", "name another folder in SHADELAB_STATE")
 
 
 def _opengl() -> list[Finding]:

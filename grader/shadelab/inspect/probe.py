@@ -27,7 +27,7 @@ from shadelab.evidence.tasks import BuildError, Draw, Evaluate
 from shadelab.machine import renderer
 from shadelab.machine.build import Recipe
 from shadelab.machine.sandbox import Sandbox, work_folder
-from shadelab.paths import STATE, shown
+from shadelab.paths import SET_UP, STATE, shown
 from shadelab.truth import making
 from shadelab.truth.expected import CHANNELS, TERM_CHANNELS, Expected, Table, with_callees
 from shadelab.truth.follow import FollowedSolution
@@ -101,7 +101,7 @@ def probe(
     expected = making.load(assignment, progress)
     listed = next((s for s in assignment.scenes if s.file.resolve() == scene.resolve()), None)
     # Hidden scenes of another time, with other numbers, are no less hidden.
-    hidden = STATE / "hidden" in scene.resolve().parents
+    hidden = any(place / "hidden" in scene.resolve().parents for place in (STATE.resolve(), SET_UP.resolve()))
     drawn = listed or Scene(scene.stem, scene.resolve(), assignment.directory, hidden=hidden)
     if listed and (missing := listed.missing_meshes()):  # of any other scene the renderer tells file and line
         raise UserError(
