@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -280,11 +281,18 @@ def test_a_planned_command_says_that_it_is_planned(shadelab):
 
 
 def test_long_work_is_told_off_a_terminal_too(capfd, monkeypatch):
-    monkeypatch.setattr(cli_options, "FIRST_LINE", -1.0)
-    tell = cli_options.progress_lines()
-    for done in range(50):
-        tell("reference phong: tables", done, 50)
-    assert capfd.readouterr().err == "reference phong: tables (0 of 50)\n"  # the next is due in ten seconds
+    """A line every few seconds, also of one step that takes long; what is done soon says nothing."""
+    monkeypatch.setattr(cli_options, "FIRST_LINE", 0.2)
+    monkeypatch.setattr(cli_options, "NEXT_LINE", 0.2)
+    with cli_options.progress_lines() as tell:
+        for done in range(50):
+            tell("reference phong: tables", done, 50)
+        time.sleep(0.5)
+    lines = capfd.readouterr().err.splitlines()
+    assert 2 <= len(lines) <= 3 and all(line.startswith("reference phong: tables (49 of 50), ") for line in lines)
+    with cli_options.progress_lines() as tell:
+        tell("grade", 0, 1)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_fault_of_ours_is_no_low_score(monkeypatch, capsys):

@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from shadelab.cli.options import console
+from shadelab.cli.options import console, progress_bar
 from shadelab.paths import ROOT
 
 
@@ -26,9 +26,9 @@ def doctor() -> None:
     for finding in findings:
         mark = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]bad [/]"}[finding.state]
         output.print(f"{mark}  {finding.what}: ", end="")
-        output.print(finding.says, markup=False)
+        output.print(finding.says, markup=False, soft_wrap=True)
         if finding.mend:
-            output.print(f"      {finding.mend}", markup=False)
+            output.print(f"      {finding.mend}", markup=False, soft_wrap=True)
     if any(f.state == "bad" for f in findings):
         raise typer.Exit(3)
 
@@ -42,16 +42,17 @@ def test(
     """Run all tests: C++ (ctest) and Python (pytest). The output ends with pytest's summary."""
     environment = {**os.environ, "SHADELAB_ROOT": str(ROOT)}
     # Only those who run the tests compile them; set-up builds the renderer alone.
-    print("building the C++ tests", file=sys.stderr)
-    build = subprocess.run(["ninja", "-C", str(ROOT / "build"), "--quiet"], capture_output=True, text=True)
+    with progress_bar() as progress:
+        progress("building the C++ tests", 0, 1)
+        build = subprocess.run(["ninja", "-C", str(ROOT / "build"), "--quiet"], capture_output=True, text=True)
     if build.returncode:
         print(build.stdout[-4000:], build.stderr[-1000:], "the C++ tests do not compile", sep="\n", file=sys.stderr)
         raise typer.Exit(1)
     cpp = subprocess.run(
         ["ctest", "--test-dir", str(ROOT / "build"), "--output-on-failure", "--no-tests=error", "-j2"], env=environment
     ).returncode
-    # -I: a submission's numpy.py in the working folder must never be imported by us.
-    command = [sys.executable, "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
+    # -I: a submission's numpy.py in the working folder must never be imported by us. -u: each dot is seen when it is printed.
+    command = [sys.executable, "-u", "-I", "-m", "pytest", "-q", "--rootdir", str(ROOT), str(ROOT / "tests" / "python")]
     # A file's tests stay together: they share what their fixtures have graded.
     command += ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
     command += [] if slow else ["-m", "not slow and not oracle"]

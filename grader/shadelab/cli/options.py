@@ -3,7 +3,6 @@
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal, Optional
@@ -17,7 +16,7 @@ from shadelab.files import naming, write_whole
 from shadelab.paths import SCENES, shown
 
 NARROWEST, USUAL = 20, 80  # columns of a terminal
-FIRST_LINE, NEXT_LINE = 5.0, 10.0  # seconds until progress is told where no bar can be drawn, and between two lines
+FIRST_LINE, NEXT_LINE = 5.0, 5.0  # seconds until progress is told where no bar can be drawn, and between two lines
 
 
 def console(stderr: bool = False) -> Console:
@@ -50,7 +49,8 @@ def json_option(what: str):
 def progress_bar():
     """A callable (what, done, total) that tells on stderr how far it is: a bar on a terminal, elsewhere a line now and then."""
     if not errors.is_terminal:
-        yield progress_lines()
+        with progress_lines() as note:
+            yield note
         return
     columns = [
         TextColumn("{task.description}"),
@@ -63,18 +63,28 @@ def progress_bar():
         yield lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
 
 
-def progress_lines() -> Callable[[str, float, float], None]:
-    """What is done soon says nothing. Called from several threads."""
-    next_line, lock = time.monotonic() + FIRST_LINE, threading.Lock()
+@contextmanager
+def progress_lines():
+    """A line every few seconds says where it is, also while a single step takes long. What is done soon says nothing. The callable
+    is called from several threads."""
+    start, over, state = time.monotonic(), threading.Event(), ["starting"]
 
-    def tell(what: str, done: float, total: float) -> None:
-        nonlocal next_line
-        with lock:
-            if time.monotonic() >= next_line:
-                next_line = time.monotonic() + NEXT_LINE
-                print(f"{what} ({done:.0f} of {total:.0f})", file=sys.stderr, flush=True)
+    def tell() -> None:
+        wait = FIRST_LINE
+        while not over.wait(wait):
+            print(f"{state[0]}, {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+            wait = NEXT_LINE
 
-    return tell
+    def note(what: str, done: float, total: float) -> None:
+        state[0] = f"{what} ({done:.0f} of {total:.0f})"
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield note
+    finally:
+        over.set()
+        teller.join()
 
 
 class Json:
