@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.hidden import draw_hidden_scenes
@@ -45,6 +46,9 @@ def examine() -> list[Finding]:
         out.append(Finding("framework", "bad", "not built", "run ./shadelab again and read what the build says"))
 
     out.append(_state())
+    if (record := SET_UP / "venv" / ".shared").exists():
+        says = f"{Path(record.read_text().strip()).parent}: what releases of this version share (Python packages, the framework)"
+        out.append(Finding("set-up", "ok", says, "all of it may be deleted; the next call makes it again"))
     out += _opengl()
     if RENDER.exists():
         out += _meshes()
