@@ -173,7 +173,8 @@ def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
     flags = [f for f in recipe.headers() if f != "-shared" and not f.startswith("-Wl,")]
     folder = glue / "prelude.hpp.gch"
     file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]
-    if file.exists() or recipe.contract or recipe.half:  # for the last, the compiler would not use one
+    # Of `half` the compiler would not use one; of `contract` and `many` there are few programs, and 30 MB each.
+    if file.exists() or recipe.contract or recipe.half or recipe.many:
         return
     with work_folder("precompile") as work:
         words = ["g++", *flags, f"-I{HEADERS}", f"-I{glue}", "-x", "c++-header", str(glue / "prelude.hpp")]

@@ -4,6 +4,7 @@ on white and on dark ground."""
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from shadelab.errors import InfrastructureError
 from shadelab.files import whole
 from shadelab.study.points import Guide, Part, Point
 
@@ -95,8 +96,12 @@ def draw_part(part: Part, folder: Path) -> list[Path]:
 
 def plot(title: str, panels: list[Panel], stem: Path) -> list[Path]:
     """Writes STEM-light.png, STEM-light.svg, STEM-dark.png and STEM-dark.svg: the panels side by side."""
-    import matplotlib
-
+    try:
+        import matplotlib
+    except ImportError:
+        raise InfrastructureError(
+            "matplotlib is missing: ./shadelab study installs it when it is first called"
+        ) from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
