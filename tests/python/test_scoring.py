@@ -17,7 +17,7 @@ from shadelab.grading.kinds import image
 from shadelab.grading.pictures import PictureFolder
 from shadelab.grading.planning import plan_checks
 from shadelab.grading.worst import write_worst_inputs
-from shadelab.judge.credit import LITTLE, MISTAKE, NO_MARKS, credit
+from shadelab.judge.credit import FAR, LITTLE, MISTAKE, NEAR, NO_MARKS, credit, size_of
 from shadelab.judge.functions import judge_function
 from shadelab.report.formats.registry import FORMATS, write_format
 from shadelab.report.html.page import write_html
@@ -40,6 +40,14 @@ def test_the_curve_of_partial_credit():
     assert credit(1e-2) == pytest.approx(credit(LITTLE) / 2)
     assert credit(0.99 * NO_MARKS) > 0 == credit(NO_MARKS) == credit(1.0)
     assert NO_MARKS == 0.1
+
+
+def test_what_is_off_by_little_keeps_as_much_as_what_is_off_in_few_places():
+    assert credit(1.0, 1e-4) == credit(1.0, NEAR) == 1 - MISTAKE
+    assert credit(1.0, 1e-2) == pytest.approx(credit(1e-2)) and credit(1.0, FAR) == credit(1.0, np.inf) == 0
+    assert credit(1e-2, 1e-3) == 1 - MISTAKE and credit(1e-3, 1.0) == 1 - MISTAKE  # whichever leaves more
+    # Nine in ten are off by at most the size: few that are near do not make the rest near.
+    assert size_of(np.array([1e-3] * 89 + [1.0] * 11)) == 1.0 and size_of(np.array([1e-3] * 99 + [np.inf])) == 1e-3
 
 
 @pytest.mark.parametrize("wrong, share", [(0, 1.0), (1, 0.75), (4, 0.75), (41, 0.37), (409, 0.0), (4096, 0.0)])

@@ -113,7 +113,9 @@ def _run() -> int:
                 file=sys.stderr,
             )
             return 3
-        where = f"{shown(name)}: " if (name := error.filename2 or error.filename) else ""  # writing into an open file names none
+        where = (
+            f"{shown(name)}: " if (name := error.filename2 or error.filename) else ""
+        )  # writing into an open file names none
         print(f"{where}{error.strerror or error}{MENDS.get(error.errno, '')}", file=sys.stderr)
         return 3
     except KeyboardInterrupt:

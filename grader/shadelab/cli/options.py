@@ -65,8 +65,8 @@ def progress_bar():
 
 @contextmanager
 def progress_lines():
-    """A line every few seconds says where it is, also while a single step takes long. What is done soon says nothing. The callable
-    is called from several threads."""
+    """A line every few seconds says where it is, also while a single step takes long. What is done soon says nothing. The
+    callable is called from several threads."""
     start, over, state = time.monotonic(), threading.Event(), ["starting"]
 
     def tell() -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shadelab.course.assignment import Function, named_arrays
-from shadelab.judge.credit import credit
+from shadelab.judge.credit import credit, size_of
 from shadelab.judge.places import place_of, telling
 from shadelab.judge.words import finite_or_none, halfway, numbers, percent_of, result_of
 from shadelab.result import Check, Error, Worst
@@ -71,7 +71,7 @@ def judge_function(
         kind="function",
         backend=backend,
         status="passed" if passed else "failed",
-        score=points * (1.0 if passed else credit(float(wrong.mean()))),
+        score=points * (1.0 if passed else credit(float(wrong.mean()), size_of(error.max(axis=1)[wrong]))),
         max_score=points,
         error=Error(name="scaled", value=finite_or_none(largest), limit=limit, floor=limit / FACTOR),
         needs=[f"{backend}/build"],

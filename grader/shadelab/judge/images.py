@@ -3,11 +3,11 @@
 import numpy as np
 
 from shadelab.course.assignment import Scene
-from shadelab.judge.credit import credit
+from shadelab.judge.credit import credit, size_of
 from shadelab.judge.words import numbers, percent_of
 from shadelab.result import Check, Error, Worst
 from shadelab.truth.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth
-from shadelab.truth.measures import FACTOR, FULL_MARKS, every_channel, tolerance, violations
+from shadelab.truth.measures import FACTOR, FULL_MARKS, SMALL_PIXEL, every_channel, tolerance, violations
 from shadelab.words import listed
 
 EDGE_CAP = 0.25  # share of edge pixels that may be off; beyond it, and with any value that is not finite, at most half the marks
@@ -43,7 +43,10 @@ def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, la
     share = float((violates & (interior | background)).sum() / interior.sum())
     edge_share = float((violates & edge).sum() / max(edge.sum(), 1))
     finite = every_channel(np.isfinite(actual))
-    fraction = 1.0 if share <= most else credit(share)
+    size = np.abs(truth.total) + np.float32(SMALL_PIXEL * truth.scale)
+    with np.errstate(all="ignore"):
+        off = np.nan_to_num((np.abs(actual - truth.total) / size).max(axis=2), nan=np.inf)
+    fraction = 1.0 if share <= most else credit(share, size_of(off[violates & (interior | background)]))
     if not finite.all() or edge_share > EDGE_CAP:
         fraction = min(fraction, 0.5)
     check.error = Error(name="interior violations", value=share, limit=most, floor=most / FACTOR)

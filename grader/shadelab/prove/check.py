@@ -87,7 +87,9 @@ def _remarks(assignment: Assignment, changes: Changes, expected: Expected) -> li
     out = [f"{name}: no mistake of it is declared in {MISTAKES}" for name in graded if name not in mistaken]
     out += [f"{name}: no scene calls it, so no picture shows a mistake of it" for name in graded if name not in drawn]
     if abs(assignment.points - 100) > 1e-6:
-        out.append(f"its points add up to {points(assignment.points)}, not to 100 (hidden scenes and stability included)")
+        out.append(
+            f"its points add up to {points(assignment.points)}, not to 100 (hidden scenes and stability included)"
+        )
     return out
 
 

@@ -45,7 +45,8 @@ def rubric(assignment: Assignment) -> str:
         *(_STABILITY if stable else []),
         f"**Points** are for both languages, half each. What is wrong loses at least {_percent(MISTAKE)}; the rest falls with the "
         f"logarithm of the share of inputs or pixels that are wrong: {_percent(credit(LITTLE))} is left up to {_percent(LITTLE)}, "
-        f"{_percent(credit(0.01))} at 1 %, nothing from {_percent(NO_MARKS)} on. Run time is not graded.",
+        f"{_percent(credit(0.01))} at 1 %, nothing from {_percent(NO_MARKS)} on. What is off by little keeps as much by its size as by "
+        "its share, whichever is more: an error of 1 % everywhere counts like one of any size at 1 % of the inputs. Run time is not graded.",
         "",
         "| check | points |",
         "|---|---:|",
