@@ -18,6 +18,7 @@ SWAPS = {
     "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "<": ["<=", ">"], "<=": ["<", ">"], ">": [">=", "<"], ">=": [">", "<"],
     "==": ["!="], "!=": ["=="], "&&": ["||"], "||": ["&&"],
 }  # fmt: skip
+SYMMETRIC = ("dot", "min", "max")  # exchanging their arguments changes nothing
 SISTERS = {
     "min": "max",
     "max": "min",
@@ -404,7 +405,7 @@ class _Breeder:
             yield _Change(
                 f"{node.name}(...) -> its argument {number + 1}", node.start, node.end, f"({text})", node.start, said
             )
-        for i in range(len(texts) - 1):
+        for i in range(len(texts) - 1 if node.name not in SYMMETRIC else 0):
             if texts[i] != texts[i + 1]:
                 swapped = [*texts[:i], texts[i + 1], texts[i], *texts[i + 2 :]]
                 both = words[i] and words[i + 1]

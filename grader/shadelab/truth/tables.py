@@ -6,18 +6,21 @@ the same hemisphere stands in the row, l and the mirror image of l (for which th
 """
 
 from collections.abc import Callable, Mapping
+from itertools import combinations
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from shadelab.course.assignment import Assignment, Domain, Function, Value
+from shadelab.course.assignment import Assignment, Column, Domain, Function, Value
 
 ROWS = 4096
 # float32 inputs decide which side of the horizon a direction lies on only down to about 1e-7; nearer rows would judge rounding.
 NEAREST_HORIZON = 1e-6
 NEAREST_PEAK = 1e-4
 GATE_STRIDE = 16
+PLACE_STRIDE, PLACE_ROW, BESIDE_ROW = 64, 13, 29  # rows on which no gate stands
+NEAREST_PLACE = 1e-2
 JITTERS = 8
 
 
@@ -27,6 +30,8 @@ def make_table(assignment: Assignment, function: Function, seed: int, rows: int 
     drawn: dict[str, np.ndarray] = {}
     draw_values(assignment, function.values, "", rows, rng, drawn)
     axis_rows(function, drawn)
+    _place_rows(function, drawn, rng)
+    _beside_gates(function, drawn)
     _gate_rows(function, drawn)
     return as_rows(function, drawn)
 
@@ -139,6 +144,38 @@ def axis_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:
     for row in range(6 ** len(directions)):
         for k, name in enumerate(directions):
             drawn[name][-1 - row] = axes[(row // 6**k) % 6]
+
+
+def _place_rows(function: Function, drawn: dict[str, np.ndarray], rng: np.random.Generator) -> None:
+    """Some positions stand along an axis from one another, so that two components of their difference are 0, or close by."""
+    places = [path for path, column in _first_columns(function).items() if column.domain.kind == "position"]
+    for one, other in combinations(places, 2):
+        chosen = np.arange(PLACE_ROW, len(drawn[one]), PLACE_STRIDE)
+        apart = unit_vectors(rng.normal(size=(len(chosen), 3)))
+        axes = np.concatenate([np.eye(3), 0.0 - np.eye(3)])
+        apart[::2] = axes[np.arange(len(apart[::2])) % 6]
+        drawn[other][chosen] = drawn[one][chosen] + apart * log_distances(len(chosen), NEAREST_PLACE, rng)[:, None]
+
+
+def _beside_gates(function: Function, drawn: dict[str, np.ndarray]) -> None:
+    """Some rows stand beside a declared edge case: x (1 +- 10^-k)."""
+    columns = _first_columns(function)
+    numbers = [
+        (path, value)
+        for gate in function.gates
+        for path, value in gate.items()
+        if isinstance(value, int | float) and value and columns[path].width == 1 and columns[path].domain.type != "int"
+    ]
+    for k, (path, value) in enumerate(dict.fromkeys(numbers)):
+        chosen = np.arange(BESIDE_ROW + PLACE_STRIDE * k, len(drawn[path]), PLACE_STRIDE * len(numbers))
+        steps = np.array([sign * 10.0**-power for power in range(1, 5) for sign in (1, -1)])
+        beside = value * (1 + steps[np.arange(len(chosen)) % len(steps)])
+        low, high = columns[path].domain.range or (-np.inf, np.inf)
+        drawn[path][chosen] = np.clip(beside, low, high)
+
+
+def _first_columns(function: Function) -> dict[str, Column]:
+    return {column.path: column for column in function.inputs if column.index == 0}
 
 
 def _gate_rows(function: Function, drawn: dict[str, np.ndarray]) -> None:

@@ -8,6 +8,7 @@ from shadelab.evidence.tasks import Asking, Evaluate, Program
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished, without_numbers
+from shadelab.judge.credit import credit
 from shadelab.judge.diagnosis import Patient, candidates, diagnose_by_search, diagnose_declared, hypotheses
 from shadelab.judge.functions import Followed, FunctionJudgement, informative, judge_function, may_be_rounding
 from shadelab.judge.relations import Candidate
@@ -17,6 +18,8 @@ from shadelab.result import Check
 from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.tables import jittered, on_gate, renormalised
 from shadelab.words import listed
+
+AGAIN = 17  # of so many rows one is asked twice, the second time in the other order
 
 NAME = "function"
 STAGE = 1
@@ -32,11 +35,24 @@ def items(assignment: Assignment) -> list[tuple]:
 
 def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     function: Function = plan.item
-    output = yield Evaluate(function, ledger.expected.table(function).rows)
+    rows = ledger.expected.table(function).rows
+    again = np.arange(len(rows))[::-AGAIN]
+    output = yield Evaluate(function, np.vstack([rows, rows[again]]))
     if output.array is None:
         return without_numbers(plan, ledger, output)
-    ledger.outputs[function.name] = output.array
-    return finished((yield from _judge(plan, ledger, output.array)), output)
+    first, second = output.array[: len(rows)], output.array[len(rows) :]
+    ledger.outputs[function.name] = first
+    check = yield from _judge(plan, ledger, first)
+    other = ~((first[again] == second) | (np.isnan(first[again]) & np.isnan(second))).all(axis=1)
+    if other.any():
+        _unsteady(check, float(other.mean()))
+    return finished(check, output)
+
+
+def _unsteady(check: Check, share: float) -> None:
+    check.status, check.score = "failed", min(check.score, check.max_score * credit(share))
+    said = f"gives other numbers for {percent_of(share)} of the inputs when it is asked again in another order"
+    check.message = f"{said}: does it keep a state between calls, or read a variable that nothing was stored in?"
 
 
 def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
