@@ -97,14 +97,15 @@ def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant
     for change in sorted(_Breeder(body, scope or Scope({})).changes(), key=lambda c: c.at):
         if change.slip and scope is None:
             continue
+        changed = body[: change.start] + change.new + body[change.end :]
+        if changed in bodies:
+            continue
+        bodies.add(changed)
         line = body[body.rfind("\n", 0, change.at) + 1 :].split("\n", 1)[0].strip()
         name = f"{function}: {change.what} in {line}"
         seen[name] += 1
         numbered = name + (f" ({seen[name]})" if seen[name] > 1 else "")
-        changed = body[: change.start] + change.new + body[change.end :]
-        if changed not in bodies:
-            bodies.add(changed)
-            out.append(Mutant(numbered, function, changed, change.words, change.slip))
+        out.append(Mutant(numbered, function, changed, change.words, change.slip))
     return out
 
 
@@ -325,7 +326,7 @@ class _Breeder:
         for new in (2 * value, 0.5 * value, value - 1):
             if value and "." in node.name:
                 words = f"with {new:g} for a constant that is {value:g}"
-                yield self._slip(f"{node.name} -> {new:g}", node, f"({_literal(new, node.name)})", words)
+                yield self._slip(f"{new:g} for {node.name}", node, f"({_literal(new, node.name)})", words)
 
     def _of_name(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         if parent is None or parent.kind != "member":
