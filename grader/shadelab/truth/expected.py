@@ -228,12 +228,11 @@ class SceneTruth:
         return cls(data, data["mask"], facts, data["noise"])
 
     def save(self, file: Path) -> None:
-        """What every grading reads stands as it is; what only reports and failures look at is compressed, to a third."""
-        with zipfile.ZipFile(file, "w") as archive:
+        """Compressed to a third, at the level that takes least time: to read it back costs a hundredth of a second a layer."""
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             for name, array in {"mask": self.mask, "noise": self.noise, **self.layers}.items():
                 np.save(written := io.BytesIO(), array)
-                how = zipfile.ZIP_STORED if name in ("mask", "noise", "total") else zipfile.ZIP_DEFLATED
-                archive.writestr(f"{name}.npy", written.getvalue(), how, compresslevel=1)
+                archive.writestr(f"{name}.npy", written.getvalue())
         file.with_suffix(".json").write_text(json.dumps(asdict(self.facts)))
 
     @cached_property
