@@ -114,7 +114,8 @@ def _without_rounding(
 ) -> Asking[FunctionJudgement]:
     """The judgement without the rows that the same text has right in double."""
     function, table = plan.item, judgement.table
-    asked = may_be_rounding(judgement, on_gate(function, table.drawn, len(table.rows)))
+    exact = on_gate(function, table.drawn, len(table.rows)) | _axis_aligned(function, table.rows)
+    asked = may_be_rounding(judgement, exact)
     if asked is None:
         return judgement
     program = Program(DOUBLE, translated=ledger.backend == "glsl")
@@ -131,6 +132,14 @@ def _without_rounding(
     if other.check.status == "passed":
         other.check.message = f"{percent_of(float(excused.mean()))} of the inputs are right in double arithmetic only"
     return other
+
+
+def _axis_aligned(function: Function, rows: np.ndarray) -> np.ndarray:
+    """(N,) bool: the rows of which all directions are axes, so that their dot products are exact in every arithmetic."""
+    directions = [k for k, column in enumerate(function.inputs) if column.domain.kind in ("unit", "upper")]
+    if not directions:
+        return np.zeros(len(rows), bool)
+    return np.isin(rows[:, directions], (-1.0, 0.0, 1.0)).all(axis=1)
 
 
 # ------------------------------------------------------------------------------------------------- follow-through
