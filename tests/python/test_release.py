@@ -38,13 +38,14 @@ def released(tmp_path_factory):
 
 
 def contents(folder):
-    """(name, bytes) of every file. Arrays are compressed and hold numbers alone: of them, the names."""
+    """(name, bytes) of every file. Arrays are compressed and hold numbers, or the words of hypotheses: of them, names and words."""
     for file in sorted(f for f in folder.rglob("*") if f.is_file()):
         data, name = file.read_bytes(), str(file.relative_to(folder))
         if file.suffix == ".npz":
             arrays = np.load(file, allow_pickle=False)
-            assert all(arrays[key].dtype.kind in "fiub" for key in arrays), name
-            data = "\n".join(arrays).encode()
+            assert all(arrays[key].dtype.kind in "fiubU" for key in arrays), name
+            words = [word for key in arrays if arrays[key].dtype.kind == "U" for word in arrays[key]]
+            data = "\n".join([*arrays, *words]).encode()
         yield name, data
 
 
