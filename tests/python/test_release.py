@@ -38,7 +38,7 @@ def released(tmp_path_factory):
 
 
 def contents(folder):
-    """(name, bytes) of every file. Arrays are compressed and hold numbers, or the words of hypotheses: of them, names and words."""
+    """(name, bytes) of every file. Arrays are compressed and hold numbers, or words of hypotheses: of them, names and words."""
     for file in sorted(f for f in folder.rglob("*") if f.is_file()):
         data, name = file.read_bytes(), str(file.relative_to(folder))
         if file.suffix == ".npz":

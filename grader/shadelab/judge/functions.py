@@ -18,6 +18,7 @@ from shadelab.words import listed
 GARBAGE = 0.05
 # Follow-through: the least share of the inputs for which the result differs from its most frequent value.
 VARIED = 0.01
+OFTEN = 0.05  # the share of the inputs for which a constant is expected often
 
 
 @dataclass
@@ -88,10 +89,20 @@ def judge_function(
 
 
 def may_be_rounding(judgement: FunctionJudgement, exact: np.ndarray) -> np.ndarray | None:
-    """(N,) bool: the wrong rows that double arithmetic may excuse; None when they are too many or none. exact: rows whose inputs
+    """(N,) bool: the wrong rows that double may excuse; None when they are too many or none. exact: rows whose inputs
     hold no rounding, on which it excuses nothing; nor does it excuse what is not finite."""
     asked = judgement.wrong & ~exact & judgement.finite
     return asked if asked.any() and judgement.wrong.mean() <= GARBAGE else None
+
+
+def _constant_not_met(truth: np.ndarray, bad: np.ndarray) -> str:
+    """What is expected again and again, and hardly ever given: 1 inside of a cone, say. Empty where there is nothing of the kind."""
+    values, which, counts = np.unique(truth, axis=0, return_inverse=True, return_counts=True)
+    for k in np.argsort(-counts)[:3]:
+        here = which.ravel() == k
+        if counts[k] >= OFTEN * len(truth) and values[k].any() and bad[here].mean() > 0.5 > bad.mean():
+            return f"{values[k][0]:.4g}" if len(set(values[k].tolist())) == 1 else ""
+    return ""
 
 
 def informative(followed: np.ndarray) -> bool:
@@ -125,6 +136,8 @@ def _describe_function(
     parts.append(f"wrong for {where}")
     if not_finite := int((~np.isfinite(actual) & np.isfinite(truth)).any(axis=1).sum()):
         parts.append(f"not finite for {not_finite} of {len(rows)} inputs")
+    if not_met := _constant_not_met(truth, bad):
+        parts.append(f"not {not_met} where {not_met} is expected")
     if (same := np.unique(actual, axis=0)).shape[0] == 1:
         constant = same[0].tolist()
         said = f"{constant[0]:.4g}" if len(set(constant)) == 1 else f"({', '.join(f'{v:.4g}' for v in constant)})"

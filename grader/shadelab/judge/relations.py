@@ -153,7 +153,6 @@ def of_result(compared: Compared, output: np.ndarray, plain: bool) -> Iterator[t
         yield "the absolute value of", np.abs(output), 1
         yield "the clamped (to 0 .. 1)", np.clip(output, 0, 1), 1
         yield "the clamped (at 0)", np.maximum(output, 0), 1
-        yield "the rounded", np.round(output), 2
         if plain:
             finite = a[:, columns][np.isfinite(a[:, columns])]
             if finite.size:
@@ -253,6 +252,7 @@ def of_directions(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
         unit = came[use] / length[use, None]
         for names in (
             list(named),
+            [n for n in basis if n.startswith("(")],
             [n for n in basis if not n.startswith("cross")],
             [n for n in basis if n.startswith("cross")],
         ):

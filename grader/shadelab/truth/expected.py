@@ -88,6 +88,7 @@ class Facts:
     spread: dict[str, dict[str, dict[str, float]]]
     mistakes: list[dict[str, str]]  # id, function and hint of each
     gl: str  # the driver that the spread was measured with
+    changes: dict[str, list[str]]  # function -> the inputs that its result changes with
     recorded: list[str]  # the scenes of which tables hold rows
     cases: dict[str, list[str]]  # function -> the names of its cases for stability
     driver: dict[str, float]  # how far its own functions are off: exp, log, pow5, sin, inversesqrt

@@ -12,7 +12,7 @@ from shadelab.machine.build import Recipe
 from shadelab.truth.expected import SceneTruth, Table
 from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.fragments import recorded_rows
-from shadelab.truth.tables import jittered, make_table, on_gate, renormalised
+from shadelab.truth.tables import changing, jittered, make_table, on_gate, one_by_one, renormalised
 from shadelab.truth.workshop import Workshop
 
 FRAGMENTS = 1024  # rows of a function's table that are recorded from scenes, at most
@@ -69,6 +69,16 @@ def _judged(
         conditioning = np.nan_to_num(np.abs(np.concatenate(results)[1:] - truth)).max(axis=0)
     conditioning[on_gate(function, len(drawn), len(rows))] = 0.0
     return Table(rows, truth, conditioning, len(drawn))
+
+
+def on_what(workshop: Workshop, tables: dict[str, Table]) -> dict[str, list[str]]:
+    """By function, the inputs that its result changes with."""
+    runner, out = workshop.solution(DOUBLE), {}
+    for function in workshop.assignment.functions:
+        rows = one_by_one(function, renormalised(function, tables[function.name].rows))
+        [output] = workshop.outputs(runner, [Evaluate(function, np.concatenate(list(rows.values())))])
+        out[function.name] = changing(rows, output.array)
+    return out
 
 
 def _some(asked: dict[str, np.ndarray], scenes: list[str], columns: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ is told what is changed; diagnosis.py decides. Everything comes from the declara
 import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from shadelab.truth.workshop import Workshop
 NARROW, KEPT = 1500, 512
 # Two that differ by less are one: the sentence of the first is told.
 SAME = 1e-5
+LONG = 12  # words
 BODIES = 3  # of a function: its own and its first variants', of which mutants are bred
 ROWS_AT_ONCE = 200_000
 
@@ -52,6 +54,7 @@ def _of_function(
     for sister in _sisters(workshop, function):
         output = workshop.solution(DOUBLE).evaluate(Evaluate(sister, exact))
         kept.add(f"with {sister.name} in the place of {function.name}", function.name, output.array)
+    kept.transforms = len(kept.found)
     for mutant, output in changed.outputs(function, calls, exact):
         kept.add(mutant.words, mutant.function, output)
     return {f"{function.name}.{part}": array for part, array in kept.arrays().items()}
@@ -89,6 +92,10 @@ def _transformed(workshop: Workshop, function: Function, exact: np.ndarray) -> I
         yield from run()
 
 
+def number_of_words(text: str) -> int:
+    return len(text.split())
+
+
 class _Kept:
     """The hypotheses of one function, without those that cannot be told from the truth or from an earlier one."""
 
@@ -96,6 +103,8 @@ class _Kept:
         self.table, self.members = table, function_members(function)
         self.some = np.sort(np.random.default_rng(len(table.rows)).permutation(len(table.rows))[:KEPT])
         self.found: list[Hypothesis] = []
+        self.transforms = 0  # how many of them are of changed arguments
+        self.doubled: set[str] = set()  # words of those that have two
 
     def add(self, words: str, function: str, output: np.ndarray) -> None:
         differs = scaled_error(output, self.table, self.members).max(axis=1) > SAME
@@ -105,8 +114,14 @@ class _Kept:
         rows = np.flatnonzero(differs) if narrow else self.some
         with np.errstate(over="ignore"):  # infinite, as in the student's float32
             one = Hypothesis(words, function, rows, output[rows].astype(np.float32), narrow)
-        if not any(self._same(one, other) for other in self.found):
-            self.found.append(one)
+        for k, other in enumerate(self.found):
+            if self._same(one, other):
+                # A changed argument may do what a changed line does: both are told.
+                if k < self.transforms and other.words not in self.doubled and number_of_words(words) < LONG:
+                    self.doubled.add(f"{other.words}, or {words}")
+                    self.found[k] = replace(other, words=f"{other.words}, or {words}")
+                return
+        self.found.append(one)
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
         if one.everywhere != other.everywhere or len(one.rows) != len(other.rows) or (one.rows != other.rows).any():

@@ -21,7 +21,7 @@ from shadelab.paths import SHIPPED, kept
 from shadelab.truth.digest import digest
 from shadelab.truth.driver import measure_driver
 from shadelab.truth.expected import TABLE, Expected, Facts
-from shadelab.truth.function_tables import make_tables
+from shadelab.truth.function_tables import make_tables, on_what
 from shadelab.truth.hypotheses import make_hypotheses
 from shadelab.truth.programs import Spread, correct_programs, record_mistakes, run_program
 from shadelab.truth.scenes import finish_scene, make_packet, make_truth
@@ -102,7 +102,9 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
     for scene in scenes:
         finish_scene(workshop, scene, truths[scene.name], double, drawn)
     hints = [{"id": m.id, "function": m.function, "hint": m.hint} for m in changes.mistake]
-    facts = Facts(calls, list(loops), spread.errors, hints, spread.gl, recorded, cases, driver)
+    facts = Facts(
+        calls, list(loops), spread.errors, hints, spread.gl, on_what(workshop, tables), recorded, cases, driver
+    )
     (folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
     arrays = {"drawn": np.array(next(iter(tables.values())).drawn)}
     for name, table in tables.items():

@@ -21,6 +21,7 @@ NEAREST_PEAK = 1e-4
 GATE_STRIDE = 16
 PLACE_STRIDE, PLACE_ROW, BESIDE_ROW = 64, 13, 29  # rows on which no gate stands
 NEAREST_PLACE = 1e-2
+SOME = 128  # rows on which it is asked what a result changes with
 JITTERS = 8
 
 
@@ -229,6 +230,28 @@ def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -
             for sign, moved in zip((1, -1), out[k]):
                 moved[together] *= 1 + sign * units * 2.0**-23
     return out
+
+
+def one_by_one(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Some of the rows as they are, under "", and with one input at a time taken from another row; by its path."""
+    base = rows[:: max(1, len(rows) // SOME)]
+    other = np.roll(base, len(base) // 2, axis=0)
+    out = {"": base}
+    for path in dict.fromkeys(c.path for c in function.inputs):
+        columns = [k for k, c in enumerate(function.inputs) if c.path == path]
+        out[path] = base.copy()
+        out[path][:, columns] = other[:, columns]
+    return out
+
+
+def changing(rows: dict[str, np.ndarray], results: np.ndarray) -> list[str]:
+    """The inputs that results of one_by_one's rows change with. results: of all, one after the other."""
+    base, *others = np.split(results, len(rows))
+    return [
+        path
+        for path, result in zip(list(rows)[1:], others)
+        if not ((result == base) | (np.isnan(result) & np.isnan(base))).all()
+    ]
 
 
 def _first_alike(rows: np.ndarray) -> np.ndarray:

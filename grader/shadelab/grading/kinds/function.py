@@ -16,7 +16,7 @@ from shadelab.judge.words import percent_of
 from shadelab.machine.build import DOUBLE
 from shadelab.result import Check
 from shadelab.truth.follow import FollowedSolution
-from shadelab.truth.tables import jittered, on_gate, renormalised
+from shadelab.truth.tables import changing, jittered, on_gate, one_by_one, renormalised
 from shadelab.words import listed
 
 AGAIN = 17  # of so many rows one is asked twice, the second time in the other order
@@ -86,9 +86,13 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         own = yield from _followed_mistakes(ledger, function, wrong)
         found = diagnose_declared(Patient(function, other, actual, own, [], right))
     found = found or diagnose_by_search(patient)
-    check = judgement.check
+    check, ignored = judgement.check, []
+    if patient.written and (found is None or found.vague):
+        ignored = yield from _ignored(ledger, function)
+    if ignored:
+        check.message += f"; your result does not change with {listed(ignored)}"
     if found is None:
-        if patient.written:
+        if patient.written and not ignored:
             check.message += "; not a mistake that the grader knows"
     else:
         ledger.diagnoses[function.name] = found
@@ -100,6 +104,16 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         for number, other in enumerate(found.others, 2):
             check.message += f"; mistake {number}: {other}"
     return check
+
+
+def _ignored(ledger: Ledger, function: Function) -> Asking[list[str]]:
+    """The inputs that the reference's result changes with and the student's does not."""
+    rows = one_by_one(function, ledger.expected.table(function).rows)
+    output = yield Evaluate(function, np.concatenate(list(rows.values())))
+    if output.array is None:
+        return []
+    changes = changing(rows, output.array)
+    return [path for path in ledger.expected.facts.changes[function.name] if path not in changes]
 
 
 def _by(
