@@ -58,6 +58,7 @@ class Check(BaseModel):
     error: Error | None = None
     seconds: float = 0.0
     message: str = ""
+    begun: bool = True  # False: it failed because nothing but the starter's stubs is there
     printed: str = ""
     mistake: Mistake | None = None
     needs: list[str] = []

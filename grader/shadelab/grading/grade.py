@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shadelab import __version__
+from shadelab.course import stubs
 from shadelab.course.assignment import Assignment, Scene
 from shadelab.evidence import intake
 from shadelab.grading.ledger import Ledger
@@ -79,6 +80,7 @@ def grade(
 
     def record(check: Check, gl: str | None) -> None:
         with lock:
+            stubs.mark(check, assignment, untouched)
             if gl is not None:
                 result.environment["gl"] = gl
             result.add(check)
@@ -89,6 +91,7 @@ def grade(
     with work_folder("grade") as work, ThreadPoolExecutor(len(BACKENDS)) as pool:
         taken = work / "submission"
         refused = intake.take(submission, assignment, taken)
+        untouched = stubs.not_begun(assignment, taken)
         drawn = kept or PictureFolder(work / FOLDER, kept=False)
         ledgers = {
             backend: Ledger(backend, assignment, expected, drawn, pictures, taken, work / backend, stop, plans[backend])

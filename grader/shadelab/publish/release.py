@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from shadelab import __version__
+from shadelab.course import stubs
 from shadelab.course.assignment import Assignment
 from shadelab.course.mistakes import regions
 from shadelab.course.stability import FILE as STABILITY
@@ -91,6 +92,11 @@ def _compose(assignment: Assignment, made: Expected, out: Path, progress: Callab
     for name in ("assignment.toml", STABILITY):
         if (assignment.directory / name).exists():
             shutil.copy(assignment.directory / name, own)
+    for name in (
+        assignment.files
+    ):  # what is not begun is told by comparison with it, and it stays when students' own copy is lost
+        (own / stubs.FOLDER).mkdir(exist_ok=True)
+        (own / stubs.FOLDER / name).write_bytes(files[name])
     for file in assignment.check_files:  # they give points here, too, and say nothing of how the solution does it
         (own / "checks").mkdir(exist_ok=True)
         shutil.copy(file, own / "checks")

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from shadelab.course.assignment import Assignment
-from shadelab.course.mistakes import regions
+from shadelab.course.stubs import stub_text
 from shadelab.errors import UserError
 from shadelab.files import naming, write_whole
 from shadelab.paths import STARTER, STATE, shown
@@ -18,17 +18,11 @@ from shadelab.publish.rubric import MARK, rubric
 def starter_files(assignment: Assignment) -> dict[str, bytes]:
     out: dict[str, bytes] = {}
     for name in assignment.files:
-        source = assignment.directory / name
-        text = source.read_text()
-        marked = sorted(regions(text, source).values(), key=lambda m: -m.start())
-        if not marked:
+        text = stub_text(assignment, name)
+        if text is None:
             raise UserError(
-                f"{shown(source)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write"
+                f"{shown(assignment.directory / name)}: holds no STUDENT BEGIN … STUDENT END, so there is nothing for students to write"
             )
-        for match in marked:
-            indent = match["indent"]
-            stub = f"{indent}// TODO: {match['task']}\n{indent}{match['stub']}\n"
-            text = text[: match.start()] + stub + text[match.end() :]
         out[name] = text.encode()
     out["assignment.toml"] = (assignment.directory / "assignment.toml").read_bytes()
     handout = assignment.directory / "handout.md"

@@ -14,11 +14,14 @@ from shadelab.report.wording import (
     OUR_FAULT,
     STATUS,
     SYMBOLS,
+    findings,
     first_step,
     in_order,
     label,
+    not_begun,
     shortened,
     warned,
+    told,
     worst_lines,
 )
 from shadelab.result import Check, Result
@@ -50,6 +53,8 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
     if not result.complete:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
     say(first_step(result)[0])
+    for line in not_begun(result):
+        say(line)
     width = console.width - 2
     # Kinds whose replay line was shown once: the others read alike, and the HTML report has them.
     replayed: set[str] = set()
@@ -59,14 +64,14 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
         for line in plain(check.message).splitlines()[:_MESSAGE_LINES]:
             say(shortened(line, 4 * width), indent=2)
     shown_checks = [c for c in in_order(result, "failed", "error") if hidden_details or not c.hidden]
-    explained = [c for c in shown_checks if c.because]
-    for group in _alike([c for c in shown_checks if not c.because]):
+    explained = [c for c in shown_checks if c.because and c.begun]
+    for group in findings([c for c in shown_checks if not c.because]):
         check = group[0]
         say("")
         say(_heading(group, symbols), _STYLES[check.status])
         if check.status == "error":
             say(OUR_FAULT, indent=2)
-        lines = plain(check.message).strip("\n").splitlines()
+        lines = plain(told(group)).strip("\n").splitlines()
         for line in lines[:_MESSAGE_LINES]:
             say(shortened(line, 4 * width), indent=2)
         if len(lines) > _MESSAGE_LINES:
@@ -74,7 +79,7 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
         if check.mistake:
             say(f"Hint: {plain(check.mistake.hint)}", "bold", indent=2)
         if check.error and check.kind == "function":
-            say(_error_line(check), indent=2)
+            say(_error_line(group), indent=2)
         if check.worst and check.kind != "parity":  # its function's check shows the like
             for line in worst_lines(check):
                 say(shortened(" ".join(line.split()), 3 * width), indent=2)
@@ -102,26 +107,13 @@ def _heading(group: list[Check], symbols: dict[str, str]) -> str:
     return f"{symbols[check.status]} {name} ({backends}){cost}"
 
 
-def _error_line(check: Check) -> str:
-    floor = "" if check.error.floor is None else f", correct programs stay below {number_short(check.error.floor)}"
-    return f"error {number_short(check.error.value)}: the limit is {number_short(check.error.limit)}{floor}"
-
-
-def _alike(checks: list[Check]) -> list[list[Check]]:
-    """Neighbours that say the same of both languages, together."""
-    groups: list[list[Check]] = []
-    for check in checks:
-        last = groups[-1][0] if groups else None
-        if last and (last.kind, label(last), last.status, last.message) == (
-            check.kind,
-            label(check),
-            check.status,
-            check.message,
-        ):
-            groups[-1].append(check)
-        else:
-            groups.append([check])
-    return groups
+def _error_line(group: list[Check]) -> str:
+    errors = [c.error for c in group if c.error]
+    limits = dict.fromkeys(number_short(e.limit) for e in errors)
+    floors = dict.fromkeys(number_short(e.floor) for e in errors if e.floor is not None)
+    respectively = f" ({' and '.join(BACKENDS[c.backend] for c in group)})" if len(limits) > 1 else ""
+    floor = f", correct programs stay below {' and '.join(floors)}" if floors else ""
+    return f"error {number_short(errors[0].value)}: the limit is {' and '.join(limits)}{respectively}{floor}"
 
 
 def _ascii(text: str) -> str:

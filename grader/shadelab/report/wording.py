@@ -1,5 +1,6 @@
 """How every report words a result: names of checks and statuses, what is wrong, and what to do first."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -103,7 +104,7 @@ def first_step(result: Result) -> tuple[str, Check | None]:
     """One sentence of what to do first, and the check that it speaks of."""
     failed, errors, skipped = (in_order(result, s) for s in ("failed", "error", "skipped"))
     if failed:
-        check = failed[0]
+        check = next((c for c in failed if c.begun), failed[0])
         waiting = sum(check.id in c.needs and c.status == "skipped" for c in result.checks)
         if check.kind == "build":
             what = f"Make {FILES[check.backend]} compile first"
@@ -115,7 +116,13 @@ def first_step(result: Result) -> tuple[str, Check | None]:
             what = f"Start with {plain(check.id)}"
         if waiting:
             what += f"; {waiting} other {'check waits' if waiting == 1 else 'checks wait'} for it"
-        why = "" if check.kind == "build" else plain(check.mistake.hint if check.mistake else check.message).strip()
+        why = (
+            ""
+            if check.kind == "build"
+            else "nothing is written there yet"
+            if not check.begun
+            else plain(check.mistake.hint if check.mistake else check.message).strip()
+        )
         return f"{what}: {shortened(why.splitlines()[0])}" if why else f"{what}.", check
     if errors:
         return f"Nothing of yours failed, but the grader did, at {plain(errors[0].id)}: run it again.", errors[0]
@@ -126,6 +133,86 @@ def first_step(result: Result) -> tuple[str, Check | None]:
     if not any(check.max_score for check in result.checks):
         return "What was asked for passes; it carries no points.", None
     return "Nothing to mend: every check passes.", None
+
+
+def not_begun(result: Result) -> list[str]:
+    """A line for each language in which nothing, or not everything, was begun."""
+    lines = []
+    for backend, name in BACKENDS.items():
+        functions = [c for c in result.checks if c.backend == backend and c.kind == "function"]
+        stubs = [label(c) for c in functions if not c.begun]
+        if stubs:
+            lines.append(f"{name}: not begun" + ("" if len(stubs) == len(functions) else f": {', '.join(stubs)}"))
+    return lines
+
+
+def findings(checks: list[Check]) -> list[list[Check]]:
+    """Checks in order, those that say the same of both languages together. What was not begun is no finding."""
+    groups: list[list[Check]] = []
+    for check in checks:
+        if not check.begun:
+            continue
+        if groups and check.backend != groups[-1][0].backend and _alike(groups[-1][0], check, checks):
+            groups[-1].append(check)
+        else:
+            groups.append([check])
+    return groups
+
+
+_SHARE = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?(?:e-\d+)?) %|\b(nearly all|all)(?= of\b)")
+FEW = 5.0  # percent: two languages round differently, and what one tells is within this of what the other does
+
+
+def _alike(a: Check, b: Check, checks: list[Check]) -> bool:
+    """Whether they are one finding: the same sentence, but for shares that are a few percent apart. A picture's sentence says
+    little of how it is wrong, so what explains it must be alike, too, or its worst pixel must be."""
+    if (a.kind, label(a), a.status, a.mistake and a.mistake.id) != (
+        b.kind,
+        label(b),
+        b.status,
+        b.mistake and b.mistake.id,
+    ):
+        return False
+    if _SHARE.sub("#", a.message) != _SHARE.sub("#", b.message):
+        return False
+    if any(abs(s - t) > FEW for s, t in zip(_shares(a.message), _shares(b.message))):
+        return False
+    if a.kind != "image":
+        return True
+    causes = [[c for c in checks if c.id in check.because] for check in (a, b)]
+    if a.because and [label(c) for c in causes[0]] == [label(c) for c in causes[1]]:
+        return all(_alike(x, y, checks) for x, y in zip(*causes))
+    return a.worst is not None and b.worst is not None and a.worst.expected == b.worst.expected and _near(a, b)
+
+
+def _near(a: Check, b: Check) -> bool:
+    pairs = list(zip(components(a.worst.actual, ""), components(b.worst.actual, "")))
+    return all(
+        x == y or (isinstance(x, float) and isinstance(y, float) and abs(x - y) <= FEW / 100 * max(abs(x), abs(y)))
+        for (_, x), (_, y) in pairs
+    )
+
+
+def _shares(message: str) -> list[float]:
+    return [float(m[1]) if m[1] else 100.0 for m in _SHARE.finditer(message)]
+
+
+def told(group: list[Check]) -> str:
+    """The message of a finding: with both shares, where they differ."""
+    if len(group) == 1 or group[0].message == group[1].message:
+        return group[0].message
+    others = iter(_SHARE.finditer(group[1].message))
+
+    def both(match: re.Match) -> str:
+        other = next(others)
+        if other[0] == match[0]:
+            return match[0]
+        if match[1] and other[1]:
+            low, high = sorted([match[1], other[1]], key=float)
+            return f"{low} to {high} %"
+        return f"{match[0]} and {other[0]}"
+
+    return _SHARE.sub(both, group[0].message)
 
 
 def shortened(text: str, width: int = 160) -> str:

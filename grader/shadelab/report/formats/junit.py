@@ -70,7 +70,7 @@ def _lines(check: Check, result: Result) -> list[str]:
         lines.append("This looks like a known mistake: " + short.line(check.mistake.hint, short.MESSAGE))
     if check.error:
         lines.append(short.error(check))
-    if check.worst:
+    if check.worst and check.begun:
         lines += short.worst(check)
         if check.worst.replay:
             lines.append(short.line(check.worst.replay, short.COMMAND))

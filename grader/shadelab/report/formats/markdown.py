@@ -7,7 +7,17 @@ checks a summary has the name, the status and the points, and nothing else: it i
 import re
 
 from shadelab.report.formats import short
-from shadelab.report.wording import OUR_FAULT, STATUS, SYMBOLS, in_order, label, warned
+from shadelab.report.wording import (
+    OUR_FAULT,
+    STATUS,
+    SYMBOLS,
+    findings,
+    in_order,
+    label,
+    not_begun,
+    told,
+    warned,
+)
 from shadelab.result import Check, Result
 from shadelab.words import BACKENDS, points
 
@@ -25,12 +35,17 @@ def summary(result: Result) -> str:
     blocks += [f"\n{note}\n" for note in _notes(result)]
     blocks += _table(result)
     shown = [c for c in in_order(result, "failed", "error") if not c.hidden]
-    if shown:
+    if findings(shown):
         blocks.append("\n## What to mend, in this order\n")
-    for check in shown:
-        cost = f", {short.score(check)}" if check.max_score else ""
-        title = f"\n### {SYMBOLS[check.status]} {inline(short.name(check))}: {STATUS[check.status]}{cost}\n"
-        blocks.append(f"{title}\n{details(check, result)}\n")
+    for group in findings(shown):
+        check = group[0]
+        # Of what is told once: the message with both languages' shares, and the points of both.
+        both = check.model_copy(update={
+            "message": told(group), "score": sum(c.score for c in group), "max_score": sum(c.max_score for c in group)
+        })  # fmt: skip
+        cost = f", {short.score(both)}" if both.max_score else ""
+        title = f"\n### {SYMBOLS[check.status]} {inline(short.name(*group))}: {STATUS[check.status]}{cost}\n"
+        blocks.append(f"{title}\n{details(both, result)}\n")
     for check in warned(result):
         blocks.append(f"\n## {inline(short.name(check))} passes; the compiler warns of\n\n{details(check, result)}\n")
     version = result.environment.get("version", "")
@@ -40,6 +55,8 @@ def summary(result: Result) -> str:
 
 def details(check: Check, result: Result) -> str:
     """All that is known of one check, its name and points apart."""
+    if not check.begun:
+        return fenced(short.cut(check.message, short.MESSAGE))
     parts = []
     if check.status == "error":
         parts.append(f"**{OUR_FAULT}**")
@@ -86,7 +103,7 @@ def _longest_run(text: str) -> int:
 
 
 def _notes(result: Result) -> list[str]:
-    notes = [inline(short.first_step(result))]
+    notes = [inline(short.first_step(result)), *map(inline, not_begun(result))]
     ours = sum(c.status == "error" for c in result.checks)
     if ours:
         notes.append(f"**Grader errors: {ours}.** {OUR_FAULT}")

@@ -2,7 +2,7 @@
 
 from shadelab.report import wording
 from shadelab.result import Check, Result
-from shadelab.words import BACKENDS, number_short, plain, points
+from shadelab.words import BACKENDS, listed, number_short, plain, points
 
 LINE, COMMAND, MESSAGE, PRINTED = 300, 2000, 4096, 4096  # in characters
 
@@ -19,10 +19,11 @@ def line(text: str, length: int = LINE) -> str:
     return flat if len(flat) <= length else flat[: length - 1].rstrip() + "…"
 
 
-def name(check: Check) -> str:
-    """half_vector (C++), image teapot (GLSL), build (C++)."""
+def name(*group: Check) -> str:
+    """half_vector (C++), image teapot (GLSL), build (C++); half_vector (C++ and GLSL) of what both languages have alike."""
+    check = group[0]
     kind = "" if check.kind in ("build", "function") else f"{check.kind} "
-    return f"{kind}{line(wording.label(check))} ({BACKENDS[check.backend]})"
+    return f"{kind}{line(wording.label(check))} ({listed([BACKENDS[c.backend] for c in group])})"
 
 
 def score(check: Check) -> str:

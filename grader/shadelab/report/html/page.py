@@ -19,14 +19,17 @@ from shadelab.report.wording import (
     SYMBOLS,
     compared,
     components,
+    findings,
     first_step,
     in_order,
     kinds_of,
     label,
+    not_begun,
+    told,
     waits_for,
 )
 from shadelab.result import Check, Result
-from shadelab.words import BACKENDS, FILES, number, number_short, plain, points
+from shadelab.words import BACKENDS, FILES, listed, number, number_short, plain, points
 
 PRINTED = 4096  # of what the code printed, in characters
 MESSAGE = 16384
@@ -43,8 +46,10 @@ def write_html(
     here = Path(__file__).parent
     ids = {check.id: _anchor(index, check) for index, check in enumerate(result.checks)}
     step, first = first_step(result)
-    shown = [c for c in in_order(result, "failed", "error") if hidden_details or not c.hidden]
-    illustrated = illustrate(result, pictures, ids)
+    shown = findings([c for c in in_order(result, "failed", "error") if hidden_details or not c.hidden])
+    # Of a finding that both languages have alike the first is shown; of what was not begun there is nothing to see.
+    silent = {c.id for c in result.checks if not c.begun} | {c.id for group in shown for c in group[1:]}
+    illustrated = illustrate(result, {id: p for id, p in pictures.items() if id not in silent}, ids)
     script = (here / "report.js").read_text(encoding="utf-8")
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(here),
@@ -54,7 +59,7 @@ def write_html(
         lstrip_blocks=True,
     )
     environment.filters |= {"plain": plain, "points": points, "number": number, "number_short": number_short}
-    environment.filters |= {"cut": _cut, "label": label, "error_text": _error_text}
+    environment.filters |= {"cut": _cut, "listed": listed, "label": label, "error_text": _error_text}
     page = environment.get_template("report.html.j2").render(
         title=title,
         result=result,
@@ -62,6 +67,7 @@ def write_html(
         script=Markup(script),
         # With its hash in the page's policy, nothing that a student wrote could ever run.
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        backend_names=BACKENDS,
         symbols=SYMBOLS,
         statuses=STATUS,
         waits_for=waits_for,
@@ -71,6 +77,9 @@ def write_html(
         bar=_bar(result),
         backends=_backends(result),
         failed=shown,
+        detailed=[c for group in shown for c in group],
+        not_begun=not_begun(result),
+        told=told,
         hidden_details=hidden_details,
         illustrated=illustrated,
         floors=any(c.error and c.error.floor is not None for c in result.checks),
