@@ -33,10 +33,43 @@ def _plain(text: str) -> str:
     return re.sub(r" +", " ", text).strip()
 
 
+<<<<<<< HEAD
 def _called(signature: str) -> str:
     """The function's name in a signature."""
     found = re.search(r"(\w+)\(", signature)
     return found[1] if found else ""
+=======
+# Of what g++ names no header, or another one than people include, and of what it hints at but once: the header of a name.
+_headers = {
+    "cstdio": "printf fprintf sprintf snprintf puts putchar fputs fflush stdout stderr FILE",
+    "iostream": "cout cerr clog endl",
+    "algorithm": "sort max_element min_element clamp find fill copy any_of all_of none_of count for_each transform",
+    "numeric": "accumulate inner_product iota", "utility": "swap pair make_pair move", "limits": "numeric_limits",
+    "cmath": "INFINITY NAN M_PI M_PI_2 M_1_PI isnan isinf isfinite signbit copysign hypot fma",
+    "cstdlib": "abs rand srand malloc free exit getenv atoi", "cstring": "memcpy memset strlen strcmp",
+    "cfloat": "FLT_MAX FLT_MIN FLT_EPSILON DBL_MAX DBL_EPSILON", "cassert": "assert", "cstddef": "size_t ptrdiff_t",
+    "numbers": "numbers", "random": "mt19937 uniform_real_distribution", "chrono": "chrono", "thread": "thread",
+    "vector": "vector", "string": "string to_string", "array": "array", "map": "map", "set": "set",
+    "functional": "function", "sstream": "ostringstream stringstream", "iomanip": "setprecision setw",
+    "format": "format", "optional": "optional", "tuple": "tuple tie", "memory": "unique_ptr make_unique shared_ptr",
+}  # fmt: skip
+_HEADERS = {name: header for header, names in _headers.items() for name in names.split()}
+_GLOBAL = {"cstdio", "cstdlib", "cstring", "cfloat", "cassert", "cstddef", "cmath"}  # from C: known without std::, too
+_missing = re.compile(r"^'(?P<name>\w+)' (?:was not declared in this scope|is not a member of 'std')")
+_hint = re.compile(r"[‘'](?:std::)?(?P<name>\w+)[’'] is defined in header [‘']<(?P<header>[\w.]+)>[’']")
+
+
+def _missing_header(text: str, hints: dict[str, str]) -> str | None:
+    """What to include, where a name of the standard library is missing. hints: g++'s own, which say of each header once."""
+    found = _missing.match(text)
+    name = found["name"] if found else ""
+    header = _HEADERS.get(name) or hints.get(name)
+    if not header:
+        return None
+    inside = "is not a member" in found[0] or header in _GLOBAL
+    said = found[0] if inside else f"{found[0]}: it is std::{name}"
+    return f"{said}; put #include <{header}> at the top of shading.cpp"
+>>>>>>> dd570a2 (A missing header of the standard library is named)
 
 
 def _declared(assignment: Assignment) -> dict[str, str]:
@@ -83,6 +116,8 @@ def _no_return(text: str, function: str) -> str:
 def readable_errors(stderr: str, assignment: Assignment) -> str:
     """At most MAX_LINES lines for each of the first errors, all in terms of the student's file."""
     lines = stderr.splitlines()
+    hints = {m["name"]: m["header"] for m in _hint.finditer(stderr)}
+    without: set[str] = set()  # lines that lack a header, of which more errors are a consequence
     out: list[str] = []
     called_from: str | None = None
     function = ""  # which one the messages are about
@@ -105,6 +140,11 @@ def readable_errors(stderr: str, assignment: Assignment) -> str:
                 excerpt.append(lines[index].rstrip())
                 index += 1
             place = f"shading.cpp:{found['line']}" + (f":{found['column']}" if found["column"] else "")
+            if header := _missing_header(text, hints):
+                text, excerpt = header, [] if found["line"] in without else excerpt[:1]
+                without.add(found["line"])
+            elif found["line"] in without:
+                continue
             text = _name_is_taken(text, assignment)
             out.append("\n".join([f"{place}: {text}", *[e for e in excerpt if e.strip(" |")]]))
         elif called_from is not None:

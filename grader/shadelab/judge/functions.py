@@ -96,7 +96,7 @@ def may_be_rounding(judgement: FunctionJudgement, exact: np.ndarray) -> np.ndarr
 
 
 def _constant_not_met(truth: np.ndarray, bad: np.ndarray) -> str:
-    """What is expected again and again, and hardly ever given: 1 inside of a cone, say. Empty where there is nothing of the kind."""
+    """What is expected again and again, and hardly ever given: 1 inside of a cone, say; empty where there is none."""
     values, which, counts = np.unique(truth, axis=0, return_inverse=True, return_counts=True)
     for k in np.argsort(-counts)[:3]:
         here = which.ravel() == k

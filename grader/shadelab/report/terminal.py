@@ -20,8 +20,8 @@ from shadelab.report.wording import (
     label,
     not_begun,
     shortened,
-    warned,
     told,
+    warned,
     worst_lines,
 )
 from shadelab.result import Check, Result
