@@ -33,12 +33,6 @@ def _plain(text: str) -> str:
     return re.sub(r" +", " ", text).strip()
 
 
-<<<<<<< HEAD
-def _called(signature: str) -> str:
-    """The function's name in a signature."""
-    found = re.search(r"(\w+)\(", signature)
-    return found[1] if found else ""
-=======
 # Of what g++ names no header, or another one than people include, and of what it hints at but once: the header of a name.
 _headers = {
     "cstdio": "printf fprintf sprintf snprintf puts putchar fputs fflush stdout stderr FILE",
@@ -69,7 +63,12 @@ def _missing_header(text: str, hints: dict[str, str]) -> str | None:
     inside = "is not a member" in found[0] or header in _GLOBAL
     said = found[0] if inside else f"{found[0]}: it is std::{name}"
     return f"{said}; put #include <{header}> at the top of shading.cpp"
->>>>>>> dd570a2 (A missing header of the standard library is named)
+
+
+def _called(signature: str) -> str:
+    """The function's name in a signature."""
+    found = re.search(r"(\w+)\(", signature)
+    return found[1] if found else ""
 
 
 def _declared(assignment: Assignment) -> dict[str, str]:
