@@ -13,11 +13,11 @@ def listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
-def number(value: Any) -> str:
-    """Six significant digits; None stands for what is not finite."""
+def number(value: Any, digits: int = 6) -> str:
+    """None stands for what is not finite."""
     if value is None:
         return "not finite"
-    return f"{value:.6g}" if isinstance(value, float) else plain(value)
+    return f"{value:.{digits}g}" if isinstance(value, float) else plain(value)
 
 
 def points(value: float) -> str:

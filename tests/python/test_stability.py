@@ -209,6 +209,21 @@ def test_the_command_shows_hints_and_replays_the_first_failing_input(naive, tmp_
     assert np.load(output)["result"].ravel() == pytest.approx(first["actual"], rel=1e-6)
 
 
+def test_members_have_their_names_as_in_grade(submission, tmp_path):
+    """Of ten numbers those that are wrong, each by its name; in the JSON a struct by its members."""
+    term = "m.ks * phong_lobe(n, l, v, m.q)"
+    folder, file = submission(cpp={term: "2.0 * " + term}), tmp_path / "s.json"
+    done = CliRunner().invoke(
+        program(), ["stability", str(folder), "--assignment", "phong", "--json", str(file)], env={"COLUMNS": "400"}
+    )
+    assert done.exit_code == 0, done.output
+    assert "result.specular.x: expected" in done.stdout and "result.ambient.x" not in done.stdout
+    entry = next(f for f in json.loads(file.read_text())["functions"] if f["function"] == "phong")
+    assert [set(values) for values in (entry["first"]["expected"][0], entry["first"]["actual"][0])] == [
+        {"ambient", "diffuse", "specular"}
+    ] * 2
+
+
 def test_what_does_not_compile_is_the_students_line(naive):
     (naive / "shading.cpp").write_text("#include <shadelab/shading.hpp>\nvec3 nonsense;;\nReal x = y;\n")
     done = CliRunner().invoke(program(), ["stability", str(naive)])

@@ -8,6 +8,7 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, Column, Function, named_arrays
 from shadelab.course.stability import Reciprocal
+from shadelab.judge.words import numbers, result_of
 from shadelab.truth.expected import Expected
 from shadelab.truth.extremes import StableTable
 from shadelab.truth.tables import renormalised
@@ -178,11 +179,7 @@ def row_input(function: Function, stability: Stability, row: int) -> dict[str, A
     return {
         "case": stability.table.case(row),
         "kind": kind,
-        "inputs": {name: _numbers(value[0]) for name, value in inputs.items()},
-        "expected": _numbers(stability.table.truth[row]),
-        "actual": _numbers(stability.actual[row]),
+        "inputs": {name: numbers(value[0]) for name, value in inputs.items()},
+        "expected": result_of(function.outputs, stability.table.truth[row]),
+        "actual": result_of(function.outputs, stability.actual[row]),
     }
-
-
-def _numbers(values: np.ndarray) -> list[float | str]:
-    return [float(v) if np.isfinite(v) else str(float(v)) for v in np.atleast_1d(values)]

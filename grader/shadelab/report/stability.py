@@ -7,6 +7,10 @@ from rich.text import Text
 
 from shadelab.inspect.stability import SERIES, Line, Report
 from shadelab.judge.stability import FLOORS, ROUNDINGS, Stability, describe, first_input
+from shadelab.report.wording import compared_line, compared_values, in_brackets
+from shadelab.result import Worst
+
+NINE = 9  # digits: all of float32, for what is wrong here may differ in the last ones
 
 
 def print_stability(report: Report, console: Console) -> None:
@@ -56,9 +60,10 @@ def _print_unstable(line: Line, report: Report, bad: list[str], console: Console
             console.print(Text(f"  {SERIES[series]}: {said}"))
     if line.first:
         first = first_input(function, line.found[line.first[0]])
-        given = ", ".join(f"{name} = {_vector(value)}" for name, value in first["inputs"].items())
+        given = ", ".join(f"{name} = {in_brackets(value, NINE)}" for name, value in first["inputs"].items())
         console.print(Text(f"  first ({first['case']}): {given}"))
-        console.print(Text(f"  expected {_vector(first['expected'])}, got {_vector(first['actual'])}"))
+        worst = Worst(**{name: first[name] for name in ("inputs", "expected", "actual")})
+        console.print(Text(f"  {compared_line(compared_values(worst), NINE)}"))
     if function.name in report.replays:
         console.print(Text(f"  {report.replays[function.name]}"), soft_wrap=True)
     declared = report.assignment.stability.get(function.name)
@@ -72,8 +77,3 @@ def _cell(found: Stability | None, failed: bool) -> Text:
     worst = found.error.max(initial=0.0)
     text = f"{worst:.2g}" if worst < 1e4 else "not finite" if worst == float("inf") else f"{worst:.0e}"
     return Text(text, "red" if found.faults else "")
-
-
-def _vector(values: list) -> str:
-    texts = [v if isinstance(v, str) else f"{v:.9g}" for v in values]
-    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from shadelab.result import Check, Result
+from shadelab.result import Check, Result, Worst
 from shadelab.words import BACKENDS, FILES, number, plain
 
 # In the order in which data flows: what comes first is to be mended first. A kind that has no title here goes by its name.
@@ -44,14 +44,19 @@ def compared(check: Check) -> list[tuple[str, Any, Any, bool]]:
 
     A result does not carry every component's own tolerance, so the limit is applied to the components of this one input.
     """
-    letters = "rgb" if check.kind == "image" else "xyzw"
-    name = "colour" if check.kind == "image" else "result"
-    expected, actual = (list(components(v, name, letters)) for v in (check.worst.expected, check.worst.actual))
+    # An image's limit is a share of pixels, not an error of one.
+    limit = 1e-2 if check.kind == "image" else check.error.limit if check.error else 1e-3
+    names = ("colour", "rgb") if check.kind == "image" else ("result", "xyzw")
+    return compared_values(check.worst, limit, *names)
+
+
+def compared_values(
+    worst: Worst, limit: float = 1e-3, name: str = "result", letters: str = "xyzw"
+) -> list[tuple[str, Any, Any, bool]]:
+    expected, actual = (list(components(v, name, letters)) for v in (worst.expected, worst.actual))
     names = [n for n, _ in max(expected, actual, key=len)]
     pad = [(None, "none")] * len(names)
     pairs = [(e, a) for _, (_, e), (_, a) in zip(names, expected + pad, actual + pad)]
-    # An image's limit is a share of pixels, not an error of one.
-    limit = 1e-2 if check.kind == "image" else check.error.limit if check.error else 1e-3
     scale = max((abs(e) for e, _ in pairs if isinstance(e, int | float)), default=0.0)
     errors = []
     for e, a in pairs:
@@ -65,18 +70,24 @@ def compared(check: Check) -> list[tuple[str, Any, Any, bool]]:
 
 def worst_lines(check: Check) -> Iterator[str]:
     """The input in one line, the result in another: all of a vector, the wrong components of anything larger."""
-    inputs = (f"{plain(name)} = {_in_brackets(value)}" for name, value in check.worst.inputs.items())
+    inputs = (f"{plain(name)} = {in_brackets(value)}" for name, value in check.worst.inputs.items())
     if check.worst.inputs:
         yield "at " + ", ".join(inputs)
-    rows = compared(check)
-    if rows and len(rows) <= 4:
-        yield f"expected {_in_brackets([e for _, e, _, _ in rows])}, yours {_in_brackets([a for _, _, a, _ in rows])}"
-    elif rows:
-        yield "; ".join(f"{name}: expected {number(e)}, yours {number(a)}" for name, e, a, wrong in rows if wrong)
+    if rows := compared(check):
+        yield compared_line(rows)
 
 
-def _in_brackets(value: Any) -> str:
-    numbers = [number(v) for _, v in components(value, "")]
+def compared_line(rows: list[tuple[str, Any, Any, bool]], digits: int = 6) -> str:
+    if len(rows) <= 4:
+        expected, actual = ([row[k] for row in rows] for k in (1, 2))
+        return f"expected {in_brackets(expected, digits)}, yours {in_brackets(actual, digits)}"
+    return "; ".join(
+        f"{name}: expected {number(e, digits)}, yours {number(a, digits)}" for name, e, a, wrong in rows if wrong
+    )
+
+
+def in_brackets(value: Any, digits: int = 6) -> str:
+    numbers = [number(v, digits) for _, v in components(value, "")]
     return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
 
 
