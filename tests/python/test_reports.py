@@ -251,11 +251,11 @@ def test_what_it_says(page: Page) -> None:
 def test_pictures_have_the_right_size_and_an_alt_text(page: Page) -> None:
     sizes = []
     for image in page.all("img"):
-        kind, data = re.fullmatch(r"data:image/(png|jpeg);base64,(.*)", image["src"]).groups()
+        kind, data = re.fullmatch(r"data:image/(webp);base64,(.*)", image["src"]).groups()
         with Image.open(io.BytesIO(base64.b64decode(data))) as decoded:
             assert decoded.format == kind.upper()
             size = (int(image["width"]), int(image["height"]))
-            assert decoded.size == size or kind == "jpeg" and decoded.size[0] < size[0]
+            assert decoded.size == size or decoded.size[0] < size[0]
             sizes.append(size)
         assert image["alt"]
     assert sorted(sizes) == [(THUMBNAIL, THUMBNAIL)] + 4 * [(SIDE, SIDE)]
@@ -263,8 +263,9 @@ def test_pictures_have_the_right_size_and_an_alt_text(page: Page) -> None:
 
 def test_noise_loses_detail_and_nothing_else_does() -> None:
     noise = np.random.default_rng(1).integers(0, 255, (600, 600, 3)).astype(np.uint8)
-    assert picture_uri(noise).startswith("data:image/jpeg") and len(picture_uri(noise)) <= 4 / 3 * PICTURE + 99
-    assert picture_uri(np.zeros_like(noise)).startswith("data:image/png")
+    uri, exact = picture_uri(noise)
+    assert uri.startswith("data:image/webp") and len(uri) <= 4 / 3 * PICTURE + 99 and not exact
+    assert picture_uri(np.zeros_like(noise))[1]
 
 
 def test_a_thousand_passed_checks_stay_small(tmp_path: Path) -> None:
@@ -335,7 +336,7 @@ def test_the_ring_marks_the_pixel_that_the_check_names(result: Result, pictures:
     shown = pictures[one.id]
 
     def figures(check: Check) -> list[Figure]:
-        return figures_of(check, shown, "a", Markup(""))
+        return figures_of(check, shown, "a", (Markup(""), True))
 
     yours, expected, difference = figures(one)
     assert yours.ring == expected.ring == difference.ring == (100 * 3.5 / SIDE, 100 * 4.5 / SIDE)
@@ -427,6 +428,26 @@ def test_the_page_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyP
     blobs = [s for s in page.all("script") if s.get("id", "").startswith("data-check")]
     assert 0 < noted < 8 and len(blobs) == 8 - noted
     assert len(page.all("img")) == 24
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_a_report_of_wrong_pictures_stays_below_four_megabytes(tmp_path: Path, noise: float) -> None:
+    """Fourteen scenes in two languages, all wrong, as large as those of assignments; or noise, which nothing packs."""
+    write_html(*failing(tmp_path, 14, 400, noise), tmp_path / "report.html", "All wrong")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert (tmp_path / "report.html").stat().st_size <= 4_000_000 == illustrations.PAGE
+    assert len(page.all("img")) == 3 * 28
+    # Where values are neither kept nor to be read off an exact picture, none are offered.
+    assert len([d for d in page.all("div") if d.get("class") == "pictures"]) - page.text.count(
+        "shown with loss"
+    ) == len([d for d in page.all("div") if "data-viewer" in d])
+
+
+def test_positions_keep_a_quarter_of_a_thousandth_of_their_range() -> None:
+    layer = np.random.default_rng(2).normal(size=(50, 60, 3)).astype(np.float32) * [1, 10, 100]
+    planes, low, high = encoding.as_fractions(layer)
+    again = np.array(low) + np.moveaxis(planes, 0, 2) / encoding.FRACTIONS * (np.array(high) - np.array(low))
+    assert (np.abs(again - layer).max(axis=(0, 1)) <= (np.array(high) - np.array(low)) / 8190 * 1.001).all()
 
 
 # --- Hidden checks, mistakes, run times ---

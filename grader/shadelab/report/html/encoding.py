@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+FRACTIONS = 4095  # positions and normals: 12 bits, a quarter of a thousandth of what they range over; more is mostly noise to pack
+
 
 def as_planes(layer: np.ndarray) -> np.ndarray:
     """(H, W, n) -> (n, H, W), a copy"""
@@ -65,10 +67,10 @@ def as_steps(ratio: np.ndarray) -> np.ndarray:
 
 
 def as_fractions(layer: np.ndarray) -> tuple[np.ndarray, list[float], list[float]]:
-    """(H, W, n) -> (n, H, W): 0 to 65535 between each channel's smallest and largest value."""
+    """(H, W, n) -> (n, H, W): 0 to FRACTIONS between each channel's smallest and largest value."""
     planes = np.nan_to_num(as_planes(layer))
     low, high = planes.min(axis=(1, 2)), planes.max(axis=(1, 2))
-    unit = (planes - low[:, None, None]) * (65535 / np.maximum(high - low, 1e-30))[:, None, None]
+    unit = (planes - low[:, None, None]) * (FRACTIONS / np.maximum(high - low, 1e-30))[:, None, None]
     return np.rint(unit).astype(np.uint16), exact(low), exact(high)
 
 

@@ -19,16 +19,17 @@ from shadelab.report.html.encoding import (
     excess_of_planes,
     packed,
 )
-from shadelab.report.html.pictures import Figure, figures_of, named_pixel, picture_uri, srgb, thumbnail_of
+from shadelab.report.html.pictures import PICTURE, Figure, figures_of, named_pixel, picture_uri, srgb, thumbnail_of
 from shadelab.report.wording import in_order, label
 from shadelab.result import Check, Result
 from shadelab.truth.expected import SceneTruth
 
 TERMS = ("total", "ambient", "diffuse", "specular")
 
-PAGE = 24_000_000  # bytes of the whole file
-WORDS = 1_000_000  # of these, for all that is no picture
-TOTAL = 350_000  # bytes that are set aside for the values of the total, for each check
+PAGE = 4_000_000  # bytes of the whole file
+WORDS = 500_000  # of these, for all that is no picture
+STATIC = 3_000_000  # of these at most, in base64, for the pictures that need no script
+TOTAL = 60_000  # bytes that are set aside for the values of the total, for each check
 
 
 @dataclass
@@ -49,18 +50,17 @@ def illustrate(result: Result, pictures: dict[str, Pictures], anchors: dict[str,
     passed = [c for c in in_order(result, "passed") if c.id in pictures and pictures[c.id].layers is not None]
     scenes = _scenes([*failed, *passed], pictures)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        expected = dict(zip(
-            dict.fromkeys(scenes[c.id] for c in failed),
-            pool.map(lambda c: picture_uri(srgb(pictures[c.id].expected)), {scenes[c.id]: c for c in failed}.values()),
-        ))  # fmt: skip
-        drawn = pool.map(lambda c: figures_of(c, pictures[c.id], anchors[c.id], expected[scenes[c.id]]), failed)
-        out.figures = {c.id: figures for c, figures in zip(failed, drawn)}
+        out.figures = _figures(failed, scenes, pictures, anchors, PICTURE, pool)
+        if sum(len(f.uri) for figures in out.figures.values() for f in figures) > STATIC:
+            least = 3 * STATIC // 4 // (3 * len(failed))  # all three of all may be noise
+            out.figures = _figures(failed, scenes, pictures, anchors, least, pool)
         small = pool.map(lambda c: thumbnail_of(c, pictures[c.id], anchors[c.id]), passed)
         out.thumbnails = {c.id: figure for c, figure in zip(passed, small)}
         room = PAGE - WORDS - sum(len(f.uri) for figures in out.figures.values() for f in figures)
         room -= sum(len(f.uri) for f in out.thumbnails.values())
         for check in failed:
-            if pictures[check.id].layers is not None:
+            # Values can be read off pictures that are exact, and of no others.
+            if pictures[check.id].layers is not None and all(figure.exact for figure in out.figures[check.id]):
                 height, width = pictures[check.id].expected.shape[:2]
                 out.viewers[anchors[check.id]] = {
                     "width": width,
@@ -91,6 +91,22 @@ def illustrate(result: Result, pictures: dict[str, Pictures], anchors: dict[str,
                         out.scenes |= scene.scenes
                         out.blobs |= scene.blobs
     return out
+
+
+def _figures(
+    failed: list[Check],
+    scenes: dict[str, str],
+    pictures: dict[str, Pictures],
+    anchors: dict[str, str],
+    most: int,
+    pool: ThreadPoolExecutor,
+) -> dict[str, list[Figure]]:
+    """None of them larger than `most` bytes."""
+    one_each = {scenes[c.id]: c for c in failed}
+    uris = pool.map(lambda c: picture_uri(srgb(pictures[c.id].expected), most), one_each.values())
+    expected = dict(zip(one_each, uris))
+    drawn = pool.map(lambda c: figures_of(c, pictures[c.id], anchors[c.id], expected[scenes[c.id]], most), failed)
+    return {c.id: figures for c, figures in zip(failed, drawn)}
 
 
 def _scenes(checks: list[Check], pictures: dict[str, Pictures]) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from shadelab.truth.expected import BACKGROUND, EDGE, INTERIOR
 from shadelab.words import BACKENDS
 
 THUMBNAIL = 192
-PICTURE = 160_000  # bytes of one picture; a noisier one loses detail
+PICTURE = 120_000  # bytes of one picture at most; a noisier one loses detail
 MAGENTA = (255, 0, 255)
 # How far beyond the tolerance, a colour per doubling from 1x to 64x. OKLCH with even steps of lightness and no magenta.
 RAMP = ("#411ca2", "#1652c8", "#1185b2", "#1daea8", "#21d980", "#bbec47", "#fffcc7")
@@ -35,6 +34,7 @@ class Figure:
     alt: str
     caption: str = ""
     ring: tuple[float, float] | None = None  # a place to look at, percent from the left and the top
+    exact: bool = True  # each pixel as it was, with 8 bits
 
 
 # --- Colours ---
@@ -109,31 +109,33 @@ def thumbnail(linear: np.ndarray, side: int = THUMBNAIL) -> np.ndarray:
     return out
 
 
-def picture_uri(pixels: np.ndarray) -> Markup:
-    """PNG of RGB, or of indices into PALETTE. One that is too large for that (only noise is) becomes JPEG, in half the size
-    if need be."""
-    image = Image.fromarray(pixels)
-    buffer, kind = io.BytesIO(), "png"
-    if pixels.ndim == 2:
-        image.putpalette(PALETTE.tobytes())
-    image.save(buffer, "PNG", compress_type=zlib.Z_RLE)  # a smaller file costs twice the time
-    image = image.convert("RGB") if buffer.tell() > PICTURE else image
-    while buffer.tell() > PICTURE:
-        if kind == "jpeg":
-            image = image.reduce(2)
-        buffer, kind = io.BytesIO(), "jpeg"
-        image.save(buffer, "JPEG", quality=70)
-    return Markup(f"data:image/{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}")
+def picture_uri(pixels: np.ndarray, most: int = PICTURE) -> tuple[Markup, bool]:
+    """WebP of RGB, or of indices into PALETTE, and whether it is exact. One that is too large for that (only noise is) loses
+    detail, and stands in half the size if need be."""
+    image = Image.fromarray(PALETTE[pixels] if pixels.ndim == 2 else pixels)
+    buffer = io.BytesIO()
+    # What takes longer makes it hardly smaller: less than a tenth.
+    image.save(buffer, "WEBP", lossless=True, quality=25, method=2)
+    exact = buffer.tell() <= most
+    while buffer.tell() > most and min(image.size) > 8:
+        buffer = io.BytesIO()
+        image.save(buffer, "WEBP", quality=60, method=1)
+        image = image.reduce(2)
+    return Markup(f"data:image/webp;base64,{base64.b64encode(buffer.getvalue()).decode()}"), exact
 
 
 # --- Figures ---
 
 
-def _figure(anchor: str, which: str, name: str, uri: Markup, shape: tuple, alt: str, caption: str, ring=None) -> Figure:
-    return Figure(f"{anchor}-{which}", name, uri, shape[1], shape[0], alt, caption, ring)
+def _figure(
+    anchor: str, which: str, name: str, uri: tuple[Markup, bool], shape: tuple, alt: str, caption: str, ring=None
+) -> Figure:
+    return Figure(f"{anchor}-{which}", name, uri[0], shape[1], shape[0], alt, caption, ring, uri[1])
 
 
-def figures_of(check: Check, pictures: Pictures, anchor: str, expected: Markup) -> list[Figure]:
+def figures_of(
+    check: Check, pictures: Pictures, anchor: str, expected: tuple[Markup, bool], most: int = PICTURE
+) -> list[Figure]:
     """Yours, expected, difference."""
     what = f"{label(check)} in {BACKENDS[check.backend]}"
     alt = f"The expected picture of {what}"
@@ -157,8 +159,8 @@ def figures_of(check: Check, pictures: Pictures, anchor: str, expected: Markup) 
         worst += f" The ringed one, x {x}, y {y}, is the worst: {far}."
         ring = (100 * (x + 0.5) / ratio.shape[1], 100 * (y + 0.5) / ratio.shape[0])
     magenta = f" {int(bad.sum())} pixels are not finite (magenta)." if bad.any() else ""
-    yours = picture_uri(srgb(pictures.student))
-    far_off = picture_uri(difference(ratio, edge, bad))
+    yours = picture_uri(srgb(pictures.student), most)
+    far_off = picture_uri(difference(ratio, edge, bad), most)
     return [
         _figure(anchor, "yours", "Yours", yours, shape, f"Your picture of {what}.{magenta}", magenta.strip(), ring),
         _figure(anchor, "expected", "Expected", expected, shape, alt, "", ring),
@@ -193,4 +195,4 @@ def thumbnail_of(check: Check, pictures: Pictures, anchor: str) -> Figure:
     """What the student's code drew in an image check that passes."""
     small = thumbnail(pictures.student)
     alt = f"Your picture of {label(check)} in {BACKENDS[check.backend]}; it passes"
-    return _figure(anchor, "thumbnail", label(check), picture_uri(small), small.shape, alt, "")
+    return _figure(anchor, "thumbnail", label(check), picture_uri(small, 8_000), small.shape, alt, "")

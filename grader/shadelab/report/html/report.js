@@ -20,7 +20,7 @@
   const SRGB = Float32Array.from({ length: 256 }, (_, k) => (k <= 10 ? k / 255 / 12.92 : ((k / 255 + 0.055) / 1.055) ** 2.4));
   // How many times the tolerance: 0 is below the least that is told, 1/4; 16 steps a doubling from there; the last is infinite.
   const EXCESS = Float32Array.from({ length: 65536 }, (_, k) => (k === 0 ? 0 : k === 65535 ? Infinity : 2 ** ((k - 33) / 16)));
-  const fractions = (low, high) => INTEGER.map((k) => low + (k / 65535) * (high - low));
+  const fractions = (low, high) => INTEGER.map((k) => low + (k / 4095) * (high - low));
 
   // One or three planes of numbers, each an index into the table of what it stands for.
   class Layer {
@@ -189,7 +189,7 @@
         } else if (name === "normal") {
           out[i] = rgb(...normal.read(i).map((n) => Math.round(127.5 + 127.5 * n)));
         } else if (name === "position") {
-          out[i] = rgb(x[i] >> 8, y[i] >> 8, z[i] >> 8);
+          out[i] = rgb(x[i] >> 4, y[i] >> 4, z[i] >> 4);
         } else {
           const grey = Math.round(255 - (215 * (away(i) - near)) / (far - near || 1));
           out[i] = rgb(grey, grey, grey);
@@ -529,7 +529,7 @@
       const table = (label, ...parts) => element("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": label },
         element("table", { class: "values" }, ...parts));
       const rounded = source.picture ? "Read from pictures of 8 bits." : exact ? "Exactly as they were judged." :
-        "Kept with 11 bits: the fourth digit is rounded.";
+        "Light is kept with 11 bits: the fourth digit is rounded. x and n with 12 bits of their range, and what is computed of them.";
       const names = ["value", "expected", "yours", ...(source.picture ? [] : ["off / limit"])];
       const old = [...this.root.querySelectorAll(".inspector .scroll")].map((part) => part.scrollLeft);
       this.find(".inspector").replaceChildren(
