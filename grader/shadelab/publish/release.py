@@ -92,11 +92,10 @@ def _compose(assignment: Assignment, made: Expected, out: Path, progress: Callab
     for name in ("assignment.toml", STABILITY):
         if (assignment.directory / name).exists():
             shutil.copy(assignment.directory / name, own)
-    for name in (
-        assignment.files
-    ):  # what is not begun is told by comparison with it, and it stays when students' own copy is lost
-        (own / stubs.FOLDER).mkdir(exist_ok=True)
-        (own / stubs.FOLDER / name).write_bytes(files[name])
+    # What is not begun is told by comparison with these, and they stay when students' own copies are lost.
+    (own / stubs.FOLDER).mkdir()
+    for name in assignment.files:
+        (own / stubs.FOLDER / name).write_bytes(starter_files(assignment)[name])
     for file in assignment.check_files:  # they give points here, too, and say nothing of how the solution does it
         (own / "checks").mkdir(exist_ok=True)
         shutil.copy(file, own / "checks")
