@@ -142,7 +142,8 @@ def _describe_function(
         constant = same[0].tolist()
         said = f"{constant[0]:.4g}" if len(set(constant)) == 1 else f"({', '.join(f'{v:.4g}' for v in constant)})"
         parts.append(f"yours is always {said}")
-    elif condition := place_of(function, rows, truth, bad, telling(truth, bad, bad)):
-        exactly = not (bad & ~condition.rows).any()
-        parts.append(f"{'only' if exactly else 'nearly only'} where {condition}")
+    elif (condition := place_of(function, rows, truth, bad, telling(truth, bad, bad))) and not (
+        bad & ~condition.rows
+    ).any():
+        parts.append(f"only where {condition}")
     return "; ".join(parts)

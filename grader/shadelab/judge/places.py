@@ -197,7 +197,7 @@ def _is_plain(words: str) -> bool:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.5g}"
+    return f"{value:.6g}"
 
 
 def _thirds(names: list[str]) -> Iterator[tuple[str, str, str]]:
