@@ -1,4 +1,4 @@
-"""doctor, test: the machine and the house itself."""
+"""doctor, editor, test: the machine and the house itself."""
 
 import os
 import subprocess
@@ -7,12 +7,13 @@ from typing import Annotated, Optional
 
 import typer
 
-from shadelab.cli.options import console, progress_bar
-from shadelab.paths import ROOT
+from shadelab.cli.options import AssignmentName, Submission, console, progress_bar
+from shadelab.paths import ROOT, shown
 
 
 def register(app: typer.Typer) -> None:
     app.command()(doctor)
+    app.command()(editor)
     if (ROOT / "tests").is_dir():  # a release has none
         app.command()(test)
 
@@ -31,6 +32,23 @@ def doctor() -> None:
             output.print(f"      {finding.mend}", markup=False, soft_wrap=True)
     if any(f.state == "bad" for f in findings):
         raise typer.Exit(3)
+
+
+def editor(directory: Submission, assignment: AssignmentName = None) -> None:
+    """Let an editor check shading.cpp and shading.glsl in DIR while you write.
+
+    Writes DIR/compile_commands.json (clangd, and VS Code's C++) and DIR/.vscode: open DIR in the editor. Where glslangValidator
+    is installed, VS Code's GLSL Lint extension and the task "Check shading.glsl" show its messages; DIR/.vscode/glslang prints
+    them in a terminal. Run it again after an update of Shadelab.
+    """
+    from shadelab.course.assignment import find_assignment
+    from shadelab.inspect.editor import write_editor_files
+
+    written = write_editor_files(find_assignment(directory, assignment), directory)
+    for file in written.files:
+        print(f"wrote {shown(file)}")
+    for note in written.notes:
+        print(f"note: {note}")
 
 
 def test(

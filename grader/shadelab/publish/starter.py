@@ -11,6 +11,7 @@ from shadelab.course.assignment import Assignment
 from shadelab.course.stubs import stub_text
 from shadelab.errors import UserError
 from shadelab.files import naming, write_whole
+from shadelab.inspect import editor
 from shadelab.paths import STARTER, STATE, shown
 from shadelab.publish.rubric import MARK, rubric
 
@@ -78,6 +79,7 @@ def differences(assignment: Assignment) -> list[str]:
     """What in starter/NAME is not what the solution generates: one line per file."""
     folder, wanted = STARTER / assignment.name, starter_files(assignment)
     present = {str(f.relative_to(folder)) for f in folder.rglob("*") if f.is_file()} if folder.is_dir() else set()
+    present = {name for name in present if name != editor.COMMANDS and not name.startswith(f"{editor.FOLDER}/")}
     out = [f"{shown(folder / name)}: is missing" for name in wanted if name not in present]
     out += [f"{shown(folder / name)}: the solution does not generate it" for name in sorted(present - set(wanted))]
     out += [
