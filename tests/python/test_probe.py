@@ -106,6 +106,31 @@ def test_one_language_that_does_not_compile_costs_its_column(shadelab, submissio
     assert "mirror_direction" not in done.stdout and "Every value here is within its limit." in done.stdout
 
 
+def test_without_the_solution_the_students_own_calls_are_shown(shadelab, tmp_path):
+    """As in a release: what takes part is what the student's C++ calls, with its arguments; braces as people write."""
+    scene = next(s for s in load_assignment(ROOT / "solution" / "lights").scenes if s.hidden)
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    for language in ("cpp", "glsl"):
+        text = (ROOT / "solution/lights" / f"shading.{language}").read_text()
+        text = re.sub(r"^(vec3 irradiance\(.*\)) \{$", r"\1 // irradiance(x) {\n{", text, flags=re.MULTILINE)
+        (folder / f"shading.{language}").write_text(text)
+    done = shadelab("probe", scene.file, "0,0", "--shading", folder)
+    at = re.search(r"nearest of an object is (\d+,\d+)", done.stderr)[1] if done.code else "0,0"
+    done = shadelab("probe", scene.file, at, "--shading", folder, "--json", "-")
+    assert done.code == 0, done.stderr
+    found = json.loads(done.stdout)
+    calls = [call for light in found["lights"] for call in light["calls"]]
+    names = {call["function"] for call in calls}
+    assert {"incident_light", "irradiance", "diffuse"} <= names and names & {"distance_falloff", "spot_attenuation"}
+    assert not any("Left out" in note for note in found["notes"])
+    for call in calls:
+        assert "expected" not in call
+        for name, value in call["cpp"].items():
+            np.testing.assert_allclose(call["glsl"][name], value, rtol=1e-4, atol=1e-6)
+    assert any("what your C++ calls them with" in note for note in found["notes"])
+
+
 def test_a_hidden_scene_shows_nothing_expected(shadelab):
     scene = next(s for s in load_assignment(PHONG).scenes if s.hidden)
     background = shadelab("probe", scene.file, "0,0")

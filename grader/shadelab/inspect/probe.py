@@ -3,7 +3,7 @@ expected.
 
 Where a fragment lies our rasterizer's geometry layers say. The framework calls the models and incident_light; with what arguments
 these call the other functions, the solution in double tells (follow.py). Without it, or where its values are not to be shown,
-only those functions appear whose arguments have the names of what is known.
+the student's own C++ tells; of what it does not call, those functions appear whose arguments have the names of what is known.
 """
 
 import json
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from shadelab.course.assignment import Assignment, Function, Scene, named_arrays
+from shadelab.course.bodies import tokens
 from shadelab.course.mistakes import slide_formulas, write_submission
 from shadelab.errors import UserError
 from shadelab.evidence import intake
@@ -34,7 +35,7 @@ from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.fragments import as_float, fragment_values, to_light, unit
 from shadelab.truth.measures import function_limit, function_members, scaled_error
 from shadelab.truth.tables import jittered, renormalised
-from shadelab.words import BACKENDS, plain
+from shadelab.words import BACKENDS, decoded, plain
 
 TERMS = ("total", "ambient", "diffuse", "specular")
 ALL_CHANNELS = max(channels.stop for channels in CHANNELS.values())
@@ -143,7 +144,11 @@ def probe(
         if layers is not None and not hidden:
             terms = [layers[name][y, x] for name in CHANNELS]
             out.rendered["expected"] = np.concatenate(terms)[:TERM_CHANNELS]
-        _find_calls(out, expected, solution)
+        own = None
+        if solution is None and students[0].built:
+            own = _OwnCalls(assignment, work)
+            out.notes += own.notes
+        _find_calls(out, expected, solution, own)
         with ThreadPoolExecutor(len(students)) as pool:
             list(pool.map(Language.evaluate, students))
         if solution is not None:
@@ -220,7 +225,7 @@ def _row(function: Function, known: Named) -> np.ndarray | None:
 # -------------------------------------------------------------------------------------------- who is called with what
 
 
-def _find_calls(out: Probe, expected: Expected, solution: "_Solution | None") -> None:
+def _find_calls(out: Probe, expected: Expected, solution: "_Solution | None", own: "_OwnCalls | None") -> None:
     """Per light in data-flow order: the framework's calls, and those that follow from them."""
     functions = out.assignment.functions
     framework = {f.name for f in functions if f.name in (out.model, out.assignment.light_function)}
@@ -231,14 +236,15 @@ def _find_calls(out: Probe, expected: Expected, solution: "_Solution | None") ->
         # From the last function on: callees are defined before their callers.
         for function in reversed(functions):
             by_name = known if solution or function.name in framework else {**_members(out.assignment, known), **known}
-            if function.name in (framework if solution else part):
+            if function.name in (framework if solution else part) and not asked[function.name]:
                 if (row := _row(function, by_name)) is not None:
                     asked[function.name].append(row)
                 else:
                     left_out.add(function.name)
-            if solution and expected.facts.calls[function.name]:
+            caller = solution or own
+            if caller and (own or expected.facts.calls[function.name]):
                 for row in asked[function.name]:
-                    for name, rows in solution.calls(function, row).items():
+                    for name, rows in caller.calls(function, row).items():
                         asked[name] += [r for r in rows if not any(np.allclose(r, a, **SAME) for a in asked[name])]
         out.calls += [Call(light, f, row) for f in functions for row in asked[f.name]]
     if left_out:
@@ -301,6 +307,47 @@ class Language:
                 self.out.printed[function.name] = plain(output.printed)
             for k, call in enumerate(calls):
                 call.values[self.backend] = None if output.array is None else output.array[k]
+
+
+class _OwnCalls:
+    """With what arguments the student's functions call each other: their C++, with each such call recorded (follow.hpp)."""
+
+    def __init__(self, assignment: Assignment, work: Path) -> None:
+        self.assignment, self.notes, self.runner = assignment, [], None
+        folder = work / "own-calls"
+        folder.mkdir()
+        text = decoded((work / "submission/shading.cpp").read_bytes())
+        names = {f.name for f in assignment.functions}
+        (folder / "shading.cpp").write_text(recorded_text(text, names))
+        runner = CppRunner(assignment, Sandbox(work / "own"), Recipe(loops=(), follow=True))
+        try:
+            runner.build(folder)
+            self.runner = runner
+            self.notes.append("What functions are called with is what your C++ calls them with.")
+        except BuildError:  # it compiles as it is, so it writes something that is no call as if it were one
+            self.notes.append("What your functions call each other with could not be found out.")
+
+    def calls(self, function: Function, row: np.ndarray) -> dict[str, np.ndarray]:
+        if self.runner is None:
+            return {}
+        others = [f for f in self.assignment.functions if f.name != function.name]
+        nothing_known = {f.name: (np.empty((0, len(f.inputs))), np.empty((0, len(f.outputs)))) for f in others}
+        output = self.runner.evaluate(Evaluate(function, row[None], records=nothing_known))
+        return {name: rows for name, rows in output.missing.items() if len(rows)}
+
+
+def recorded_text(text: str, names: set[str]) -> str:
+    """A student's text, with the calls inside of functions going to the recording wrappers: f_followed() for f()."""
+    text = re.sub(r"/\*.*?\*/", lambda m: "\n" * m[0].count("\n"), text, flags=re.DOTALL)
+    found, out, depth, at = tokens(text), [], 0, 0
+    for before, token, after in zip([None, *found], found, [*found[1:], None]):
+        depth += {"{": 1, "}": -1}.get(token.text, 0)
+        # Behind a name stands a declaration: vec3 diffuse(0.0);
+        declared = before and re.match(r"\w", before.text) and before.text not in ("return", "else", "do")
+        if depth > 0 and token.text in names and after and after.text == "(" and not declared:
+            out += [text[at : token.end], "_followed"]
+            at = token.end
+    return "".join([*out, text[at:]])
 
 
 class _Solution:
