@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
+RECORD = "release.json"  # at the top of a release: what it is one of
 ROOT = Path(os.environ.get("SHADELAB_ROOT") or PACKAGE.parents[1])
 SET_UP = ROOT / ".shadelab"  # what ./shadelab made
 

@@ -82,7 +82,11 @@ def test_it_holds_what_its_assignment_needs_and_no_other(released, name):
     given = [g.name for g in given_assignments(assignment)]
     assert sorted(f.name for f in (out / "assignments").iterdir()) == sorted([name, *given])
     files = {str(f.relative_to(out / "assignments" / name)) for f in (out / "assignments" / name).rglob("*.*")}
-    assert files == {"assignment.toml", "stability.toml", *(f"checks/{f.name}" for f in assignment.check_files)}
+    assert files == {"assignment.toml", "stability.toml", *(f"checks/{f.name}" for f in assignment.check_files)} | {
+        f"stubs/{file}" for file in assignment.files
+    }
+    for file in assignment.files:
+        assert (out / "assignments" / name / "stubs" / file).read_bytes() == (out / name / file).read_bytes()
     assert [f.name for f in (out / "expected").iterdir()] == [name]
     for scene in assignment.public_scenes:
         assert (out / "scenes" / scene.file.relative_to(ROOT / "scenes")).is_file()
@@ -114,6 +118,17 @@ def test_what_people_read_speaks_of_this_folder(released, name):
     workflow = (out / ".github/workflows/grade.yml").read_text()
     assert "persist-credentials: false" in workflow and "permissions:\n  contents: read\n" in workflow
     assert "secrets." not in workflow and "token" not in workflow.replace("no token in .git/config", "")
+
+
+@every_assignment
+def test_it_says_what_its_score_is_a_score_of(released, name):
+    """How many points its checks can give, and that there is no follow-through: in the handout; for reports, in the record."""
+    assignment, out, _ = released(name)
+    hidden = sum(f.points * f.scenes for f in assignment.hidden.family)
+    assert hidden > 0 and json.loads((out / "release.json").read_text())["hidden_points"] == hidden
+    handout = " ".join((out / name / "handout.md").read_text().split())
+    assert f"Its checks give up to {100 - hidden:g} of the 100 points, and it judges each function by itself" in handout
+    assert f"the checks here give up to {100 - hidden:g}." in (out / "README.md").read_text()
 
 
 def test_every_module_finds_what_it_imports(released):

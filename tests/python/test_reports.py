@@ -19,6 +19,7 @@ from rich.console import Console
 
 from shadelab.grading.pictures import Pictures
 from shadelab.report import wording
+from shadelab.report.formats.markdown import summary
 from shadelab.report.html import encoding, illustrations
 from shadelab.report.html.page import PRINTED, write_html
 from shadelab.report.html.pictures import (
@@ -558,6 +559,19 @@ def test_an_ascii_terminal_gets_ascii(result: Result) -> None:
 
 
 # --- Words ---
+
+
+def test_a_releases_score_is_explained_where_it_stands(result: Result, tmp_path: Path) -> None:
+    released = result.model_copy(update={"elsewhere": 8.0})
+    write_html(released, {}, tmp_path / "report.html", "Lobes")
+    words = "8 more are for scenes that only the course has"
+    texts = {Page((tmp_path / "report.html").read_text(encoding="utf-8")).text, summary(released), printed(released)}
+    for text in texts:
+        flat = " ".join(text.split())
+        assert words in flat and re.search(
+            r"of [\d.]+ points[.\s]+These are the points of the checks in this release", flat
+        )
+    assert words not in summary(result) and words not in " ".join(printed(result).split())
 
 
 def test_what_comes_first(result: Result) -> None:

@@ -1,6 +1,7 @@
 """The way of a submission: intake, plan, questions, answers, judgement, result."""
 
 import hashlib
+import json
 import platform
 import shutil
 import threading
@@ -19,7 +20,7 @@ from shadelab.grading.plan import Plan
 from shadelab.grading.planning import plan_checks
 from shadelab.grading.scheduler import Chain, judge_both
 from shadelab.machine.sandbox import Sandbox, work_folder
-from shadelab.paths import shown
+from shadelab.paths import RECORD, ROOT, shown
 from shadelab.result import Check, Result
 from shadelab.truth import making
 from shadelab.truth.expected import Expected
@@ -62,6 +63,7 @@ def grade(
         submission="sha256:" + submission_digest(assignment, submission),
         max_score=round(sum(p.points for chain in plans.values() for p in chain if not _absent(p)), 6),
         environment=environment(assignment, expected),
+        elsewhere=_elsewhere(),
     )
     lock, stop = threading.Lock(), threading.Event()
     kept = PictureFolder(out / FOLDER, True, hidden_pictures) if out is not None and pictures else None
@@ -113,6 +115,12 @@ def grade(
     result.complete = True
     write()
     return Grading(result, kept)
+
+
+def _elsewhere() -> float | None:
+    """Written by `release` beside what it hands out."""
+    file = ROOT / RECORD
+    return float(json.loads(file.read_text())["hidden_points"]) if file.is_file() else None
 
 
 def _absent(plan: Plan) -> bool:

@@ -28,13 +28,13 @@ from shadelab.course.stability import FILE as STABILITY
 from shadelab.course.toml_files import read_toml
 from shadelab.errors import UserError
 from shadelab.files import naming
-from shadelab.paths import ROOT, SCENES, shown
+from shadelab.paths import RECORD, ROOT, SCENES, shown
+from shadelab.publish.rubric import hidden_points
 from shadelab.publish.starter import starter_files
 from shadelab.truth import making
 from shadelab.truth.expected import Expected, public_files
 
 TEMPLATES = Path(__file__).parent / "templates"
-RECORD = "release.json"
 MAKING = ".making-"  # how the folder begins in which a release is put together
 # Folders of a release, which no assignment can be called: its own stands beside them.
 RESERVED = ("assignments", "build", "expected", "out")
@@ -113,7 +113,9 @@ def _compose(assignment: Assignment, made: Expected, out: Path, progress: Callab
         (out / assignment.name / name).write_bytes(data)
     _write_templates(assignment, out)
     digests = {str(f.relative_to(out)): _digest(f) for f in _files(out)}
-    record = {"shadelab": __version__, "assignment": assignment.name, "files": digests}
+    record = {
+        "shadelab": __version__, "assignment": assignment.name, "hidden_points": hidden_points(assignment), "files": digests,
+    }  # fmt: skip
     (out / RECORD).write_text(json.dumps(record, indent=1) + "\n")
     warnings = [
         f"it holds the solution of {given.name}, which {assignment.name} builds on"
@@ -241,7 +243,7 @@ def _copy_smaller(source: Path, target: Path) -> None:
 
 def _write_templates(assignment: Assignment, out: Path) -> None:
     """templates/release at the top of the folder; a leading underscore stands for a dot."""
-    given, hidden = given_assignments(assignment), sum(f.points * f.scenes for f in assignment.hidden.family)
+    given, hidden = given_assignments(assignment), hidden_points(assignment)
     words = {
         "__NAME__": assignment.name,
         "__TITLE__": assignment.title,
@@ -252,7 +254,12 @@ def _write_templates(assignment: Assignment, out: Path) -> None:
             if given
             else ""
         ),
-        "__HIDDEN__": f"{hidden:g} more points are given for scenes that you do not see here.\n" if hidden else "",
+        "__HIDDEN__": (
+            f"{hidden:g} more points are given for scenes that you do not see here: the checks here give up to "
+            f"{assignment.points - hidden:g}.\n"
+            if hidden
+            else ""
+        ),
     }
     source = TEMPLATES / "release"
     for file in sorted(f for f in source.rglob("*") if f.is_file()):

@@ -28,7 +28,7 @@ def rubric(assignment: Assignment) -> str:
     stable = [s for s in assignment.stability.values() if s.points]
     stability = sum(s.points for s in stable)
     images -= custom + stability
-    hidden = sum(f.points * f.scenes for f in assignment.hidden.family)
+    hidden = hidden_points(assignment)
     lines = [
         f"**Functions.** Each is evaluated over {ROWS:,} inputs drawn from its domain, many of them close to where it changes quickly and "
         "some exactly on the edge cases, and over inputs that the framework gave it while it drew the scenes. The reference computes "
@@ -62,7 +62,18 @@ def rubric(assignment: Assignment) -> str:
     ]
     if hidden:
         lines += ["", "The hidden scenes are like those above, with other lights and materials, the same for everyone."]
+    most = points(assignment.points - hidden)
+    lines += [
+        "",
+        f"**A release**, the folder that a course hands out, holds neither the solution nor hidden scenes. Its checks give up to {most} "
+        f"of the {points(assignment.points)} points, and it judges each function by itself: one that is right given what a wrong one of "
+        "yours gives loses its points there and keeps them in the course's autograder. Your score there may so be higher.",
+    ]
     return "\n".join(line if line.startswith("|") else fill(line, 120) for line in lines)
+
+
+def hidden_points(assignment: Assignment) -> float:
+    return sum(f.points * f.scenes for f in assignment.hidden.family)
 
 
 def _percent(share: float) -> str:

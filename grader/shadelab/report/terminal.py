@@ -14,6 +14,7 @@ from shadelab.report.wording import (
     OUR_FAULT,
     STATUS,
     SYMBOLS,
+    beside_the_score,
     findings,
     first_step,
     in_order,
@@ -50,6 +51,8 @@ def print_result(result: Result, console: Console, html: Path | None, hidden_det
         console.print(_table(result, narrow))
         say("")
     say(f"Score: {points(result.score)} of {points(result.max_score)} points", "bold")
+    if note := beside_the_score(result):
+        say(note, "dim")
     if not result.complete:
         say("Grading was cut off before its end: this is what was earned until then.", "yellow")
     say(first_step(result)[0])

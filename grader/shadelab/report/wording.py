@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from shadelab.result import Check, Result, Worst
-from shadelab.words import BACKENDS, FILES, number, plain
+from shadelab.words import BACKENDS, FILES, number, plain, points
 
 # In the order in which data flows: what comes first is to be mended first. A kind that has no title here goes by its name.
 TITLES = {
@@ -144,6 +144,17 @@ def first_step(result: Result) -> tuple[str, Check | None]:
     if not any(check.max_score for check in result.checks):
         return "What was asked for passes; it carries no points.", None
     return "Nothing to mend: every check passes.", None
+
+
+def beside_the_score(result: Result) -> str | None:
+    """What a release's score is a score of."""
+    if result.elsewhere is None:
+        return None
+    more = f"{points(result.elsewhere)} more are for scenes that only the course has. " if result.elsewhere else ""
+    return (
+        f"These are the points of the checks in this release. {more}There, a function that is right given what another of yours "
+        "gives keeps its points; here it does not."
+    )
 
 
 def not_begun(result: Result) -> list[str]:

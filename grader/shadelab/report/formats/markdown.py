@@ -11,6 +11,7 @@ from shadelab.report.wording import (
     OUR_FAULT,
     STATUS,
     SYMBOLS,
+    beside_the_score,
     findings,
     in_order,
     label,
@@ -30,6 +31,8 @@ def summary(result: Result) -> str:
     score, most = points(result.score), points(result.max_score)
     # A block is never cut in two, so that no fence stays open.
     blocks = [f"# {inline(result.assignment)}: {score} of {most} points\n"]
+    if note := beside_the_score(result):
+        blocks.append(f"\n{inline(note)}\n")
     if not result.complete:
         blocks.append("\n**Grading was cut off before its end.** This is what was earned until then.\n")
     blocks += [f"\n{note}\n" for note in _notes(result)]

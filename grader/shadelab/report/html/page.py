@@ -17,6 +17,7 @@ from shadelab.report.html.plot import plots
 from shadelab.report.wording import (
     STATUS,
     SYMBOLS,
+    beside_the_score,
     compared,
     components,
     findings,
@@ -79,6 +80,7 @@ def write_html(
         failed=shown,
         detailed=[c for group in shown for c in group],
         not_begun=not_begun(result),
+        beside_the_score=beside_the_score(result),
         told=told,
         hidden_details=hidden_details,
         illustrated=illustrated,
