@@ -78,3 +78,9 @@ def test_of_a_half_done_file_the_rest_takes_a_line(shadelab, tmp_path):
     done = shadelab("grade", folder, "--only", "*/function/*", COLUMNS="200")
     assert "C++: not begun: half_vector, phong_lobe, blinn_lobe, phong, blinn_phong\nGLSL: not begun\n" in done.stdout
     assert done.stdout.count("✗ mirror_direction") == 1 and "Start with mirror_direction in shading.cpp" in done.stdout
+
+
+def test_a_stub_that_passes_by_follow_through_is_no_beginning(shadelab):
+    """two_lobes adds what a wrong cook_torrance gives, and its stub is right so."""
+    done = shadelab("grade", ROOT / "starter/microfacet", "--only", "cpp/function/*", "--no-html", COLUMNS="200")
+    assert "\nC++: not begun\n" in done.stdout and "two_lobes" in done.stdout

@@ -162,9 +162,10 @@ def not_begun(result: Result) -> list[str]:
     lines = []
     for backend, name in BACKENDS.items():
         functions = [c for c in result.checks if c.backend == backend and c.kind == "function"]
-        stubs = [label(c) for c in functions if not c.begun]
-        if stubs:
-            lines.append(f"{name}: not begun" + ("" if len(stubs) == len(functions) else f": {', '.join(stubs)}"))
+        stubs = [c for c in functions if not c.begun]
+        lacking = [label(c) for c in stubs if c.status == "failed"]
+        if lacking:
+            lines.append(f"{name}: not begun" + ("" if len(stubs) == len(functions) else f": {', '.join(lacking)}"))
     return lines
 
 
