@@ -115,7 +115,7 @@ def test_what_is_declared_is_checked_and_mutants_are_bred(check):
 
 def test_it_says_what_the_declarations_leave_open(check):
     """Said, and no reason to fail."""
-    code, printed = check(mistakes=[SIGN], variants=[VARIANT])
+    code, printed = check(mistakes=[SIGN], variants=[VARIANT], bred=few)
     assert code == 0 and "phong: note: phong_lobe: no mistake of it is declared in mistakes.toml" in printed
     assert "note: mirror_direction" not in printed and "no scene" not in printed and "add up" not in printed
 
@@ -133,7 +133,7 @@ def test_it_says_which_function_no_scene_calls_and_that_points_are_not_100():
 
 def test_a_mistake_that_nobody_sees_gives_exit_1(check):
     unseen = Change(id="unseen", function="mirror_direction", hint="-", body="return reflect(-l, n);")
-    code, printed = check(mistakes=[unseen])
+    code, printed = check(mistakes=[unseen], bred=few)
     assert code == 1 and "unseen: cpp/function/mirror_direction does not see it" in printed and "MISSED" in printed
 
 
@@ -158,17 +158,18 @@ def test_a_mutant_that_is_listed_as_equivalent_may_survive(monkeypatch, tmp_path
         mutations(tmp_path / "2")
 
 
-def test_functions_that_are_called_are_mutated_with_their_caller(monkeypatch, tmp_path):
+def test_every_graded_function_is_mutated(monkeypatch, tmp_path):
     bred = []
 
-    def stillborn(function, body):
+    def stillborn(function, body, scope):
         bred.append(function)
         return [Mutant(f"{function}: nonsense", function, "    return nonsense;\n")]
 
-    declare(monkeypatch, mutate=["phong_lobe"], bred=stillborn)
+    declare(monkeypatch, bred=stillborn)
+    graded = [f.name for f in PHONG.functions if f.graded]
     for mutation in mutations(tmp_path):
-        assert (mutation.killed, mutation.stillborn, mutation.survivors) == (0, 2, [])
-    assert bred == ["mirror_direction", "phong_lobe"] * 2
+        assert (mutation.killed, mutation.stillborn, mutation.survivors) == (0, len(graded), [])
+    assert bred == graded * 2
 
 
 @pytest.mark.parametrize("name", assignment_names())

@@ -8,7 +8,7 @@ from conftest import ROOT
 from shadelab.course.assignment import assignment_names, load_assignment
 from shadelab.course.bodies import tokens
 from shadelab.course.mistakes import load_changes, regions
-from shadelab.course.mutants import mutants
+from shadelab.course.mutants import Scope, mutants
 
 BODY = """\
     // Clamped: a - b * 2.0, as max(a, b) says.
@@ -90,7 +90,8 @@ def test_equivalent_ones_are_mutants_of_either_language_and_have_a_reason(name):
     for file in assignment.files:
         source = assignment.directory / file
         for function, region in regions(source.read_text(), source).items():
-            known |= {m.id for m in mutants(function, region["body"])}
+            scope = Scope.of(assignment, assignment.function(function), source.read_text())
+            known |= {m.id for m in mutants(function, region["body"], scope)}
     for equivalent in changes.equivalent:
         assert equivalent.id in known
         assert len(equivalent.reason) > 10

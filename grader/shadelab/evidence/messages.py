@@ -49,13 +49,13 @@ _headers = {
 }  # fmt: skip
 _HEADERS = {name: header for header, names in _headers.items() for name in names.split()}
 _GLOBAL = {"cstdio", "cstdlib", "cstring", "cfloat", "cassert", "cstddef", "cmath"}  # from C: known without std::, too
-_missing = re.compile(r"^'(?P<name>\w+)' (?:was not declared in this scope|is not a member of 'std')")
+_unknown_name = re.compile(r"^'(?P<name>\w+)' (?:was not declared in this scope|is not a member of 'std')")
 _hint = re.compile(r"[‘'](?:std::)?(?P<name>\w+)[’'] is defined in header [‘']<(?P<header>[\w.]+)>[’']")
 
 
 def _missing_header(text: str, hints: dict[str, str]) -> str | None:
     """What to include, where a name of the standard library is missing. hints: g++'s own, which say of each header once."""
-    found = _missing.match(text)
+    found = _unknown_name.match(text)
     name = found["name"] if found else ""
     header = _HEADERS.get(name) or hints.get(name)
     if not header:

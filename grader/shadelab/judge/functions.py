@@ -14,8 +14,9 @@ from shadelab.truth.measures import FACTOR, function_limit, function_members, sc
 from shadelab.words import listed
 
 # What a program has right in double, on the same inputs, is no mistake of the function: another algebra loses digits in other
-# places, which is what the points for stability are for. But a function that is garbage for a larger share than this is wrong.
-GARBAGE = 0.05
+# places, or the driver's acos does, and that is what the points for stability are for. But a function that is garbage, off by
+# more than OFF, for a larger share than this is wrong.
+GARBAGE, OFF = 0.05, 1e-2
 # Follow-through: the least share of the inputs for which the result differs from its most frequent value.
 VARIED = 0.01
 OFTEN = 0.05  # the share of the inputs for which a constant is expected often
@@ -36,7 +37,7 @@ class FunctionJudgement:
     table: Table  # by which it was judged: with follow-through, another truth
     followed: bool
     wrong: np.ndarray  # (N,) bool
-    finite: np.ndarray  # (N,) bool: where what came is finite
+    error: np.ndarray  # (N,) the largest scaled error of each row; infinite for what is not finite
 
 
 def judge_function(
@@ -85,14 +86,15 @@ def judge_function(
             expected=result_of(columns, table.truth[worst_row]),
             actual=result_of(columns, actual[worst_row]),
         )
-    return FunctionJudgement(check, table, followed is not None, wrong, np.isfinite(actual).all(axis=1))
+    return FunctionJudgement(check, table, followed is not None, wrong, error.max(axis=1))
 
 
 def may_be_rounding(judgement: FunctionJudgement, exact: np.ndarray) -> np.ndarray | None:
-    """(N,) bool: the wrong rows that double may excuse; None when they are too many or none. exact: rows whose inputs
-    hold no rounding, on which it excuses nothing; nor does it excuse what is not finite."""
-    asked = judgement.wrong & ~exact & judgement.finite
-    return asked if asked.any() and judgement.wrong.mean() <= GARBAGE else None
+    """(N,) bool: the wrong rows that double may excuse; None when there are none, or too much is garbage. exact: rows whose
+    inputs hold no rounding, on which it excuses nothing; nor does it excuse what is not finite."""
+    asked = judgement.wrong & ~exact & np.isfinite(judgement.error)
+    garbage = judgement.wrong & (judgement.error > OFF)
+    return asked if asked.any() and garbage.mean() <= GARBAGE else None
 
 
 def _constant_not_met(truth: np.ndarray, bad: np.ndarray) -> str:

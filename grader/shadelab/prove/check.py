@@ -14,6 +14,7 @@ from shadelab.course.mistakes import FILE as MISTAKES
 from shadelab.course.mistakes import SUBTLE, Change, Changes, load_changes, write_submission
 from shadelab.grading.grade import Grading, grade
 from shadelab.grading.planning import plan_checks
+from shadelab.judge.diagnosis import UNDECLARED
 from shadelab.machine.sandbox import work_folder
 from shadelab.paths import STARTER
 from shadelab.prove.mutants import Mutation, mutate
@@ -137,8 +138,8 @@ def _judge_mistake(row: Row, change: Change, backend: str, grading: Grading, ass
     found = next(c for c in grading.result.checks if c.id == own)
     if found.status != "failed" or found.score >= found.max_score:
         row.faults.append(f"{own} does not see it")
-    elif found.mistake is None:
-        row.faults.append(f"{own} does not name it: {found.message}")
+    elif found.mistake is None or found.mistake.id == UNDECLARED:
+        row.faults.append(f"{own} does not name it: {found.mistake.hint if found.mistake else found.message}")
     elif change.id not in (found.mistake.id, *found.mistake.alike):
         row.faults.append(f"{own} calls it {found.mistake.id}")
     else:
