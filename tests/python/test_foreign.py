@@ -169,6 +169,8 @@ def test_a_umask_costs_nothing(tmp_path):
 def test_odd_paths_are_quoted_where_they_are_to_be_copied(shadelab, tmp_path):
     folder, out = tmp_path / "my shading #1 ü", tmp_path / "o ut #ü"
     shutil.copytree(ROOT / "starter" / "phong", folder)
+    file = folder / "shading.cpp"
+    file.write_text(file.read_text().replace("0.5 * m.kd", "0.4 * m.kd"))  # begun
     done = shadelab("grade", folder, "--only", "cpp/function/phong", "--out", out, COLUMNS="400")
     assert done.code == 0
     [line] = re.findall(r"^ +(\./shadelab eval .*)$", done.stdout, re.MULTILINE)

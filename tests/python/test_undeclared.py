@@ -1,7 +1,7 @@
 """Mistakes that nobody declared, from public threads, textbooks and classrooms (tests/undeclared), and correct programs in other
 algebra. They were written before the search that is to explain them, and by somebody who had not seen the grader.
 
-    right = "regex"     what a teacher would call the right explanation; without it, none is found
+    right = "regex"     what a teacher would call the right explanation; without it, what is told is not held to anything yet
     small = true        differs by less than correct programs do, or where no check asks
 
 As a program it grades all and prints the table of rates: .shadelab/venv/bin/python -I tests/python/test_undeclared.py
@@ -107,8 +107,6 @@ def test_a_correct_program_in_unusual_algebra_loses_nothing(name, program, tmp_p
 def test_the_set_is_as_large_as_it_says():
     every = [m for name in ASSIGNMENTS for m in mistakes(name)]
     assert len(every) >= 120 and sum(len(correct_programs(name)) for name in ASSIGNMENTS) >= 40
-    explained = [m for m in every if "right" in m]
-    assert len(explained) >= 0.9 * len([m for m in every if not m.get("small")])
 
 
 def table():
