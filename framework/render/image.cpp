@@ -1,5 +1,6 @@
 // image: draws a scene with a plugin.
 
+#include "followed.hpp"
 #include "loaded_scene.hpp"
 
 #include "text/json.hpp"
@@ -21,7 +22,7 @@ namespace {
 
 struct ImageOptions {
     SceneOptions scene;
-    std::string plugin, full_plugin, output, statistics;
+    std::string plugin, full_plugin, output, statistics, follow;
     int threads = 0, repeat = 0;
     double exposure = 0;
 };
@@ -157,6 +158,7 @@ void draw_image(const ImageOptions& options, const LoadedScene& loaded, const Pl
             return saved_by<Real>(options.scene, loaded, table, full ? &full->table<Real>() : nullptr, decision);
         });
     }
+    if (!options.follow.empty()) start_following<Real>(options.follow, library);
     Film image = empty_film(options.scene, loaded);
     const DrawStatistics statistics = draw<Real>(loaded.scene, loaded.features, loaded.meshes, table, image);
     report(statistics);
@@ -170,6 +172,7 @@ void draw_image(const ImageOptions& options, const LoadedScene& loaded, const Pl
             repeats.push_back((now_ms() - start) / 1000);
         }
     }
+    if (!options.follow.empty()) write_missing<Real>(options.follow);
     if (!options.statistics.empty()) write_statistics(statistics, loaded, repeats, options.statistics);
     if (!options.output.empty()) write_image(options.scene, image, options.output, options.exposure);
 }
@@ -192,8 +195,12 @@ void add_image(CLI::App& app, const Framework& framework) {
         ->check(CLI::Range(0, 1000));
     command->add_option("--full-plugin", options->full_plugin,
                         "with --explain: a plugin that leaves nothing out, to measure with");
+    command->add_option("--follow", options->follow,
+                        "folder of FUNCTION.known: recorded outputs that stand in for those functions; "
+                        "FUNCTION.missing is written there (draws with one thread)");
     command->callback([options, &framework] {
         if (options->threads) omp_set_num_threads(options->threads);
+        if (!options->follow.empty()) omp_set_num_threads(1);
         const LoadedScene loaded = load(options->scene, framework);
         const PluginLibrary library(options->plugin);
         library.is_double() ? draw_image<double>(*options, loaded, library)

@@ -118,7 +118,7 @@ class Reference:
     """The solution, answered: by its own program, or for the student's functions by what stands in for them."""
 
     def __init__(self, folder):
-        self.solution = FollowedSolution(PHONG, (PHONG.directory / "shading.cpp").read_text())
+        self.solution = FollowedSolution(PHONG)
         self.programs = Programs(PHONG, folder)
 
     def calls(self, function, rows):

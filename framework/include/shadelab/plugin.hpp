@@ -54,8 +54,8 @@ struct Table {
     const Function<Real>* functions;
 };
 
-// A plugin that was compiled with -DSHADELAB_FOLLOW asks before each call from one function of the assignment to another whether
-// the result is known already: follow-through, where outputs that were recorded elsewhere stand in for a function.
+// A plugin that was compiled with -DSHADELAB_FOLLOW asks before each call of one of the assignment's functions, from another or
+// from a loop, whether the result is known already: follow-through, where outputs that were recorded elsewhere stand in for a function.
 
 inline constexpr const char* follow_symbol = "shadelab_follow";
 

@@ -18,7 +18,7 @@ public:
     bool is_double() const;
     template <class Real>
     const plugin::Table<Real>& table() const;
-    /// Whom the plugin's functions ask before they call each other. Throws InfrastructureError when it was not compiled for that.
+    /// Whom the plugin asks before it calls a function. Throws InfrastructureError when it was not compiled for that.
     template <class Real>
     void follow(plugin::Answer<Real> answer) const;
 

@@ -80,6 +80,11 @@ std::string fragment_variable(const Manifest& manifest, const std::string& decla
     return "";
 }
 
+/// How a loop calls one of the assignment's functions: with -DSHADELAB_FOLLOW, what is recorded stands in for it.
+std::string followable(const std::string& function) {
+    return "SHADELAB_CALL(" + function + ")";
+}
+
 /// `model(m, n, incident.l, v)`: after the material come what the fragment holds and members of what the light function gives.
 std::string call_model(const Manifest& manifest, const Function& model, bool cpp) {
     std::vector<std::string> arguments = {"m"};
@@ -88,7 +93,7 @@ std::string call_model(const Manifest& manifest, const Function& model, bool cpp
         const std::string own = fragment_variable(manifest, name, cpp);
         arguments.push_back(own.empty() ? "incident." + name : own);
     }
-    return model.name + "(" + join(arguments, ", ") + ")";
+    return (cpp ? followable(model.name) : model.name) + "(" + join(arguments, ", ") + ")";
 }
 
 /// `incident_light(light, x)`. In C++ it is the function of that name, given or the student's own: a helper of the student's with
@@ -100,7 +105,7 @@ std::string call_light(const Manifest& manifest, const std::string& light, bool 
     std::vector<std::string> arguments;
     for (const Value& argument : manifest.find_function(name)->arguments)
         arguments.push_back(argument.type == "Light" ? light : fragment_variable(manifest, argument.name, cpp));
-    return (cpp && !own ? "given::" : "") + name + "(" + join(arguments, ", ") + ")";
+    return (!cpp ? name : own ? followable(name) : "given::" + name) + "(" + join(arguments, ", ") + ")";
 }
 
 // ---- C++
@@ -253,8 +258,8 @@ std::string plugin_text(const Manifest& manifest, const std::filesystem::path& f
 /// For plugins with -DSHADELAB_FOLLOW: of each function f a wrapper f_followed, which asks for a recorded result first.
 std::string follow_header(const Manifest& manifest) {
     std::ostringstream out;
-    out << "#pragma once\n// Generated from assignment.toml: f_followed() stands in for f() where the functions call "
-           "each other.\n\n"
+    out << "#pragma once\n// Generated from assignment.toml: f_followed() stands in for f() where the functions "
+           "or the loops call it.\n\n"
            "extern \"C\" __attribute__((visibility(\"default\"))) shadelab::plugin::Answer<Real> shadelab_follow = "
            "nullptr;\n\n";
     for (size_t index = 0; index < manifest.functions.size(); ++index) {

@@ -139,6 +139,12 @@ class Assignment:
     hidden: Hidden
 
     @cached_property
+    def solution(self) -> str | None:
+        """The C++ of the reference; None in a release, which has none."""
+        file = self.directory / "shading.cpp"
+        return file.read_text() if file.exists() else None
+
+    @cached_property
     def hidden_scenes(self) -> list[Scene]:
         """Those drawn from hidden.toml. Their files are there once somebody has called draw_hidden_scenes."""
         return [

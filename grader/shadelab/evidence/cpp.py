@@ -77,10 +77,15 @@ class CppRunner:
         else:
             output.array = np.fromfile(results, real).reshape(shape)
             output.unset = _unset(output.array, task.function)
-            for name in task.records or {}:
-                columns = len(self.assignment.function(name).inputs)
-                output.missing[name] = np.fromfile(follow / f"{name}.missing", np.float32).reshape(-1, columns)
+            output.missing = self._missing(task, follow)
         return output
+
+    def _missing(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
+        out = {}
+        for name in task.records or {}:
+            columns = len(self.assignment.function(name).inputs)
+            out[name] = np.fromfile(follow / f"{name}.missing", np.float32).reshape(-1, columns)
+        return out
 
     def _write_records(self, records: dict[str, Record], real: type) -> Path:
         folder = self.sandbox.fresh("records")
@@ -91,8 +96,9 @@ class CppRunner:
 
     def draw(self, task: Draw) -> Output:
         image, counts = self.sandbox.fresh("image.npy"), self.sandbox.fresh("statistics.json")
-        files = renderer.ImageFiles(image, counts, repeat=task.frames)
-        view = renderer.View(task.layers, shift=task.shift)
+        follow = None if task.records is None else self._write_records(task.records, np.float32)
+        files = renderer.ImageFiles(image, counts, repeat=task.frames, follow=follow)
+        view = renderer.View(task.layers, size=task.size, shift=task.shift)
         command = renderer.image(task.scene.described, self.assignment.directory, self.plugin.file, view, files)
         outcome = self._run(command, DRAW_LIMITS)
         output = Output(
@@ -104,6 +110,7 @@ class CppRunner:
         try:
             output.array = load_image(image)
             output.first_not_finite, output.frames = _read_statistics(counts, task.frames)
+            output.missing = self._missing(task, follow)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"

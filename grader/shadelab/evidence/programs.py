@@ -53,6 +53,7 @@ class Programs:
         if program not in self.runners:
             sandbox = Sandbox(self.folder / f"program-{len(self.runners)}", stop=self.stop)
             runner, source = CppRunner(self.assignment, sandbox, program.recipe), self.submission
+            runner.environment = dict(program.environment)
             if program.text is not None:
                 source = sandbox.folder / "source"
                 source.mkdir(exist_ok=True)

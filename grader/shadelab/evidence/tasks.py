@@ -28,6 +28,7 @@ class Program:
     recipe: Recipe
     text: str | None = None  # our own code; None: the submission's
     what: str = "the submission"
+    environment: tuple[tuple[str, str], ...] = ()
     translated: bool = False  # the submission's GLSL, read as C++: what compiles as both means the same
 
 
@@ -50,8 +51,10 @@ class Draw:
     packet: Path | None = None
     layers: str = "terms"  # total | terms | all: what the C++ image holds (a packet says it for the OpenGL client)
     shift: tuple[float, float] = (0.0, 0.0)  # pixels right and up, in C++
+    size: str | None = None  # WxH; None: the film's; in C++
     frames: int = 0  # drawn after the image, to measure the time of one
     program: Program | None = None  # C++; None: whoever is asked
+    records: dict[str, Record] | None = None  # as of Evaluate; of a program of ours
 
 
 Task = Evaluate | Draw

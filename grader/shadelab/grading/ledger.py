@@ -31,6 +31,9 @@ class Ledger:
     judged: dict[str, FunctionJudgement] = field(default_factory=dict)
     diagnoses: dict[str, Diagnosis] = field(default_factory=dict)
     hung: set[str] = field(default_factory=set)  # ids of checks in which a function did not end
+    followed: dict[str, np.ndarray] | None = (
+        None  # by scene: what the wrong functions make of the reference (kinds/image.py)
+    )
     undrawn: dict[str, str] = field(default_factory=dict)  # scene -> why it gave no picture
     session: object = None  # of custom checks: the child that runs them, between one check and the next
 

@@ -355,7 +355,7 @@ class _Solution:
 
     def __init__(self, assignment: Assignment, expected: Expected, scene: Scene, work: Path) -> None:
         self.assignment, self.expected, self.scene, self.work = assignment, expected, scene, work
-        self.followed = FollowedSolution(assignment, (assignment.directory / "shading.cpp").read_text())
+        self.followed = FollowedSolution(assignment)
         self.programs = Programs(assignment, work / "followed")
         folders = [assignment.directory]
         if slides := slide_formulas(assignment):  # as for the tables: they say how much rounding of the inputs may move

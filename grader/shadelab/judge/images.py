@@ -1,16 +1,32 @@
 """A picture against the expected one: which pixels are off, which terms, and where it is worst."""
 
+from dataclasses import dataclass
+from math import gcd
+
 import numpy as np
 
 from shadelab.course.assignment import Scene
 from shadelab.judge.credit import credit, size_of
+from shadelab.judge.functions import informative
 from shadelab.judge.words import numbers, percent_of
 from shadelab.result import Check, Error, Worst
 from shadelab.truth.expected import BACKGROUND, CHANNELS, EDGE, INTERIOR, SceneTruth
-from shadelab.truth.measures import FACTOR, FULL_MARKS, SMALL_PIXEL, every_channel, tolerance, violations
+from shadelab.truth.measures import (
+    FACTOR,
+    FULL_MARKS,
+    SMALL_PIXEL,
+    every_channel,
+    followed_limit,
+    tolerance,
+    violations,
+)
 from shadelab.words import listed
 
 EDGE_CAP = 0.25  # share of edge pixels that may be off; beyond it, and with any value that is not finite, at most half the marks
+
+# Follow-through looks at every so manieth pixel each way. The noise of a pixel was measured with the right functions, of which
+# the wrong ones may be wilder: so many of these may differ.
+EVERY, STRAY = 8, 0.01
 
 
 def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, layers: np.ndarray) -> Check:
@@ -61,6 +77,37 @@ def judge_image(scene: Scene, backend: str, points: float, truth: SceneTruth, la
             lost_for |= violates & edge
         check.worst = _worst_pixel(truth, actual, limit, lost_for)
     return check
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A smaller picture whose pixels are centred on pixels of the whole one."""
+
+    every: int
+    size: str
+    shift: tuple[float, float]
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Sampled":
+        width, height = scene.described.width, scene.described.height
+        every = max(k for k in range(1, EVERY + 1) if gcd(width, height) % k == 0)
+        # The middle of an even number of pixels lies between two: half a pixel up and to the left of the one that is taken.
+        half = 0.0 if every % 2 else 0.5 / every
+        return cls(every, f"{width // every}x{height // every}", (-half, half))
+
+    def taken(self, pixels: np.ndarray) -> np.ndarray:
+        return pixels[self.every // 2 :: self.every, self.every // 2 :: self.every]
+
+
+def is_followed(truth: SceneTruth, layers: np.ndarray, sampled: Sampled, total: np.ndarray) -> bool:
+    """Whether a picture is the one that the student's wrong functions make of the reference. total: what they make of it, at the
+    sampled pixels."""
+    inside = sampled.taken(truth.mask == INTERIOR)
+    if not inside.any() or not informative(total[inside]):
+        return False
+    actual, limit = sampled.taken(layers[..., CHANNELS["total"]]), followed_limit(truth, sampled.taken, total)
+    differs = violations(actual, total, limit) & every_channel(np.isfinite(actual) | np.isfinite(total))
+    return bool((differs & inside).sum() <= STRAY * inside.sum())
 
 
 def _describe_image(

@@ -179,25 +179,28 @@ class ImageFiles:
     threads: int | None = None
     explain: bool = False
     full_plugin: Path | None = None  # with explain: what leaves nothing out, to measure with
+    follow: Path | None = (
+        None  # a folder of recorded outputs that stand in for functions (truth/follow.py); written to as well
+    )
 
 
 def image(description: Description, assignment: Path, plugin: Path, view: View, files: ImageFiles) -> Command:
     arguments = ["image", *_scene(description.file, assignment, view), "--plugin", str(plugin)]
     for name, value in {
         "-o": files.output, "--statistics": files.statistics, "--exposure": files.exposure, "--threads": files.threads,
-        "--full-plugin": files.full_plugin,
+        "--full-plugin": files.full_plugin, "--follow": files.follow,
     }.items():  # fmt: skip
         arguments += [name, str(value)] if value is not None else []
     arguments += ["--repeat", str(files.repeat)] if files.repeat else []
     arguments += ["--explain"] if files.explain else []
-    reads = [*_scene_files(description), plugin, *([files.full_plugin] if files.full_plugin else [])]
-    return _command(arguments, reads, [f for f in (files.output, files.statistics) if f])
+    reads = [*_scene_files(description), plugin, *(f for f in (files.full_plugin, files.follow) if f)]
+    return _command(arguments, reads, [f for f in (files.output, files.statistics, files.follow) if f])
 
 
 def evaluate(
     plugin: Path, function: str, rows: Path, results: Path, follow: Path | None = None, repeat: int = 0, statistics: Path | None = None
 ) -> Command:  # fmt: skip
-    """`follow`: a folder of recorded outputs that stand in for functions (truth/follow.py); it is written to as well."""
+    """`follow`: as of ImageFiles."""
     arguments = ["evaluate", str(plugin), function, str(rows), str(results)]
     arguments += ["--follow", str(follow)] if follow else []
     arguments += ["--repeat", str(repeat), "--statistics", str(statistics)] if statistics else []

@@ -6,12 +6,17 @@ code, its outputs come back.
 """
 
 import re
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
-from shadelab.course.assignment import Assignment, Function
-from shadelab.evidence.tasks import Asking, Evaluate, Program, Record
+from shadelab.course.assignment import Assignment, Function, Scene
+from shadelab.course.mistakes import Change
+from shadelab.evidence.tasks import Asking, Draw, Evaluate, Output, Program, Record, Task
 from shadelab.machine.build import Recipe
+from shadelab.truth.many import CHOSEN, with_choices
 
 FOLLOWED = Recipe(double=True, loops=(), follow=True)
 # A call's arguments may depend on what an earlier call gave, so the calls are found in waves.
@@ -19,13 +24,24 @@ WAVES = 8
 
 
 class FollowedSolution:
-    """A solution (or a mistake: the solution with another body) in double, whose calls can be answered from records. What
-    it asks without a program of its own is for the student's code."""
+    """A solution whose calls can be answered from records. What it asks without a program of its own is for the student's
+    code. With `loops` it draws, in float; else its functions are evaluated in double."""
 
-    def __init__(self, assignment: Assignment, text: str, what: str = "the solution") -> None:
-        self.assignment = assignment
+    def __init__(self, assignment: Assignment, changes: Sequence[Change] = (), loops: Sequence[str] = ()) -> None:
+        """changes: what as_if() may choose; they are compiled together."""
+        self.assignment, self.changes = assignment, list(changes)
+        recipe = Recipe(loops=tuple(loops), follow=True, quick=True) if loops else FOLLOWED
+        bodies = {number: change.bodies_for("cpp") for number, change in enumerate(self.changes, 1)}
+        text = with_choices(assignment.solution, assignment.directory / "shading.cpp", bodies)
         names = [f.name for f in assignment.functions]
-        self.program = Program(FOLLOWED, followed_text(text, names), what)
+        self.program = Program(recipe, followed_text(text, names), "the solution", environment=((CHOSEN, "0"),))
+
+    def as_if(self, change: Change) -> "FollowedSolution":
+        """The solution with one of its changes."""
+        other = copy(self)
+        chosen = str(1 + self.changes.index(change))
+        other.program = replace(self.program, what=change.id, environment=((CHOSEN, chosen),))
+        return other
 
     def calls(self, function: Function, rows: np.ndarray) -> Asking[dict[str, np.ndarray]]:
         """With what arguments the function calls the others on these rows (float64): by name, (N, columns) float32, each once."""
@@ -36,13 +52,35 @@ class FollowedSolution:
     def with_recorded(self, function: Function, rows: np.ndarray, callees: list[Function]) -> Asking[np.ndarray | None]:
         """What the function gives on these rows (float64) when the student's callees stand in for ours; None when these
         give nothing."""
+        results = yield from self._answered([Evaluate(function, rows, program=self.program)], callees)
+        return results[0] if results else None
+
+    def drawn(
+        self, scenes: list[Scene], sizes: list[str], shifts: list[tuple[float, float]], functions: list[Function]
+    ) -> Asking[dict[str, np.ndarray] | None]:
+        """The scenes' totals, (H, W, 3) by name, when the student's functions stand in for ours; None when these give nothing."""
+        draws = [
+            Draw(scene, layers="total", shift=shift, size=size, program=self.program)
+            for scene, size, shift in zip(scenes, sizes, shifts)
+        ]
+        images = yield from self._answered(draws, functions)
+        return dict(zip([scene.name for scene in scenes], images)) if images else None
+
+    def _answered(self, questions: Sequence[Task], callees: list[Function]) -> Asking[list[np.ndarray] | None]:
+        """All of them with the same records, so that the student's functions are asked once for all."""
         records = _empty(callees)
+        answers: dict[int, Output] = {}
         for _ in range(WAVES):
-            output = yield Evaluate(function, rows, program=self.program, records=records)
-            asked = {name: arguments for name, arguments in output.missing.items() if len(arguments)}
-            if not asked:
-                return output.array
-            for name, arguments in asked.items():
+            for number, question in enumerate(questions):
+                if number not in answers or any(len(rows) for rows in answers[number].missing.values()):
+                    answers[number] = yield replace(question, records=records)
+            asked = {name: [a.missing[name] for a in answers.values() if len(a.missing[name])] for name in records}
+            if not any(asked.values()):
+                return [answers[number].array for number in range(len(questions))]
+            for name, parts in asked.items():
+                if not parts:
+                    continue
+                arguments = np.unique(np.vstack(parts), axis=0)
                 came = yield Evaluate(self.assignment.function(name), arguments)
                 if came.array is None:
                     return None

@@ -25,8 +25,7 @@ def make_tables(
     """By function its table, and which functions it calls; the scenes of which tables hold rows."""
     assignment = workshop.assignment
     with workshop.step("tables"):
-        text = (assignment.directory / "shading.cpp").read_text()
-        solution = FollowedSolution(assignment, text)
+        solution = FollowedSolution(assignment)
         programs = Programs(assignment, workshop.work / "followed")
         forms = [workshop.solution(DOUBLE)]
         if slides := slide_formulas(assignment):

@@ -29,7 +29,7 @@ class ManyBodies:
         folder.mkdir(parents=True)
         source, sandbox = folder / "shading.cpp", Sandbox(folder / "syntax")
         while True:
-            source.write_text(_choose + self._text())
+            source.write_text(self._text())
             said = broken_lines(assignment.glue, source, sandbox, self.recipe)
             broken = {int(number) for number in re.findall(r"^mutant-(\d+):", said, re.MULTILINE)} & set(self.bodies)
             if not broken:
@@ -48,16 +48,20 @@ class ManyBodies:
         runner.environment = {CHOSEN: str(number)}
 
     def _text(self) -> str:
-        """Before each function's own body a switch over the others."""
+        bodies = {
+            number: {mutant.function: f'#line 1 "mutant-{number}"\n{mutant.body}'}
+            for number, mutant in self.bodies.items()
+        }
         source = self.assignment.directory / "shading.cpp"
-        text = source.read_text()
-        marked = regions(text, source)
-        for name in sorted(marked, key=lambda n: -marked[n].start()):
-            cases = "".join(
-                f'case {number}: {{\n#line 1 "mutant-{number}"\n{mutant.body}\n}} break;\n'
-                for number, mutant in self.bodies.items()
-                if mutant.function == name
-            )
-            start = marked[name].start()
-            text = f"{text[:start]}switch (shadelab_chosen) {{\n{cases}}}\n{text[start:]}" if cases else text
-        return text
+        return with_choices(source.read_text(), source, bodies)
+
+
+def with_choices(text: str, file: Path, bodies: Mapping[int, Mapping[str, str]]) -> str:
+    """A solution's text that is told by its environment (CHOSEN) which other bodies it has: of each number, by function. Its own
+    stand for any other number."""
+    marked = regions(text, file)
+    for name in sorted(marked, key=lambda n: -marked[n].start()):
+        cases = "".join(f"case {k}: {{\n{own[name]}\n}} break;\n" for k, own in bodies.items() if name in own)
+        start = marked[name].start()
+        text = f"{text[:start]}switch (shadelab_chosen) {{\n{cases}}}\n{text[start:]}" if cases else text
+    return _choose + text

@@ -1,6 +1,7 @@
 """How far numbers are from the truth, and how far correct programs may be: of functions over tables, of images pixel by pixel."""
 
 import statistics
+from collections.abc import Callable
 
 import numpy as np
 
@@ -80,6 +81,16 @@ def image_limit(truth: SceneTruth, floor: float) -> np.ndarray:
 def tolerance(truth: SceneTruth) -> np.ndarray:
     """(H, W, 3): what each pixel of the total may be off."""
     return image_limit(truth, max(truth.facts.spread.values(), default=0.0))
+
+
+def followed_limit(truth: SceneTruth, taken: Callable[[np.ndarray], np.ndarray], total: np.ndarray) -> np.ndarray:
+    """As tolerance(), of another total than the true one at some pixels, which `taken` picks: brighter pixels are noisier."""
+    true, noise = taken(truth.total), taken(truth.noise)[..., None]
+    with np.errstate(all="ignore"):
+        size = np.abs(total) + np.float32(SMALL_PIXEL * truth.scale)
+        brighter = np.maximum(1, size / (np.abs(true) + np.float32(SMALL_PIXEL * truth.scale)))
+        floor = max([LEAST_PICTURE_FLOOR, *truth.facts.spread.values()])
+        return np.float32(FACTOR) * (noise * brighter + np.float32(floor) * size)
 
 
 def pixel_error(total: np.ndarray, truth: SceneTruth) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from shadelab.course.assignment import Assignment, Function
-from shadelab.course.mistakes import load_changes, with_bodies
+from shadelab.course.mistakes import load_changes
 from shadelab.evidence.tasks import Asking, Evaluate, Program
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
@@ -68,15 +68,18 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         for name in ledger.expected.facts.calls[function.name]
         if name in ledger.judged and ledger.judged[name].check.status == "failed"
     ]
-    followed = (yield from _follow(ledger, function, wrong)) if wrong else None
-    other = None
-    if followed is not None:
-        other = _by(plan, ledger, actual, followed)
-        if other.check.score > judgement.check.score:
-            judgement = ledger.judged[function.name] = other
-        if judgement.check.status == "passed":
-            judgement.check.message = f"right, given what your {listed(wrong)} gives"
-            return judgement.check
+    other = None  # by the truth with what these give
+    for reference in _references(ledger, function) if wrong else []:
+        followed = yield from _follow(ledger, function, wrong, reference)
+        by = _by(plan, ledger, actual, followed) if followed is not None else None
+        if by is not None and by.check.status == "passed":
+            ledger.judged[function.name] = by
+            by.check.message = f"right, given what your {listed(wrong)} gives"
+            return by.check
+        if by is not None and (other is None or by.check.score > other.check.score):
+            other = by
+    if other is not None and other.check.score > judgement.check.score:
+        judgement = ledger.judged[function.name] = other
     right = frozenset(name for name, j in ledger.judged.items() if j.check.status == "passed")
     known = candidates(ledger.expected, function, ledger.backend)
     changed = [] if judgement.followed else hypotheses(ledger.expected, function)
@@ -161,24 +164,33 @@ def _axis_aligned(function: Function, rows: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------- follow-through
 
 
-def _solution(ledger: Ledger) -> str | None:
-    """Its C++; a release has none, and no follow-through."""
-    file = ledger.assignment.directory / "shading.cpp"
-    return file.read_text() if file.exists() else None
+def _solution(ledger: Ledger) -> FollowedSolution:
+    """With all that is known to be right or wrong, compiled together once for all functions."""
+    changes = load_changes(ledger.assignment)
+    return FollowedSolution(ledger.assignment, [*changes.variant, *changes.mistake])
 
 
-def _follow(ledger: Ledger, function: Function, wrong: list[str]) -> Asking[Followed | None]:
+def _references(ledger: Ledger, function: Function) -> list[FollowedSolution]:
+    """The solution, and the correct programs that compute this function another way: on top of a wrong callee these differ. A
+    release has no solution, and no follow-through."""
+    if ledger.assignment.solution is None:
+        return []
+    solution = _solution(ledger)
+    variants = load_changes(ledger.assignment).variant
+    return [solution, *(solution.as_if(v) for v in variants if function.name in v.bodies_for("cpp"))]
+
+
+def _follow(
+    ledger: Ledger, function: Function, wrong: list[str], reference: FollowedSolution
+) -> Asking[Followed | None]:
     """The reference with the outputs of the student's functions that are wrong, and how far rounding of the inputs moves it: a
     wrong function may be wilder than the right one. None when this asks for nothing."""
-    solution = _solution(ledger)
-    if solution is None:
-        return None
     callees = [ledger.assignment.function(name) for name in wrong]
     table = ledger.expected.table(function)
     exact = renormalised(function, table.rows)
     # Wider than the truth's own: the arguments of the calls were rounded on their way, too.
     inputs = np.concatenate([exact, *jittered(function, exact, units=2.0)])
-    results = yield from FollowedSolution(ledger.assignment, solution).with_recorded(function, inputs, callees)
+    results = yield from reference.with_recorded(function, inputs, callees)
     if results is None:
         return None
     followed, *moved = results.reshape(-1, *table.truth.shape)
@@ -192,14 +204,12 @@ def _follow(ledger: Ledger, function: Function, wrong: list[str]) -> Asking[Foll
 
 def _followed_mistakes(ledger: Ledger, function: Function, wrong: list[str]) -> Asking[list[Candidate]]:
     """The function's own mistakes, on top of those of the functions that it calls."""
-    out, file = [], ledger.assignment.directory / "shading.cpp"
+    out, solution = [], _solution(ledger)
     callees = [ledger.assignment.function(name) for name in wrong]
     exact = renormalised(function, ledger.expected.table(function).rows)
     for change in load_changes(ledger.assignment).mistake:
         if change.function == function.name:
-            text = with_bodies(_solution(ledger), file, change.bodies_for("cpp"))
-            mistaken = FollowedSolution(ledger.assignment, text, change.id)
-            results = yield from mistaken.with_recorded(function, exact, callees)
+            results = yield from solution.as_if(change).with_recorded(function, exact, callees)
             if results is not None:
                 out.append(Candidate(change.id, change.function, change.hint, results))
     return out

@@ -7,9 +7,10 @@ from shadelab.evidence.tasks import Asking, Draw, Output
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished
-from shadelab.judge.images import judge_image
+from shadelab.judge.images import Sampled, is_followed, judge_image
 from shadelab.result import FRAMES, Check, Render
 from shadelab.truth.expected import TERM_CHANNELS, with_callees
+from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.measures import render_of
 from shadelab.words import listed
 
@@ -39,7 +40,8 @@ def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     output = yield Draw(scene, ledger.expected.packet(scene), frames=frames)
     check = _judge(plan, ledger, output)
     if check.status == "failed":
-        _blame(check, ledger, scene, used)
+        followed = output.array is not None and (yield from _follow(check, ledger, scene, used, output.array))
+        _blame(check, ledger, scene, used, followed)
     return finished(check, output)
 
 
@@ -73,10 +75,53 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
     return check
 
 
-def _blame(check: Check, ledger: Ledger, scene: Scene, used: set[str]) -> None:
+# ------------------------------------------------------------------------------------------------- follow-through
+
+
+def _follow(check: Check, ledger: Ledger, scene: Scene, used: set[str], layers: np.ndarray) -> Asking[bool]:
+    """A picture that the student's wrong functions make of the reference loses the share of its points that these functions
+    lost of theirs: a mistake costs its own share of each picture, and no more."""
+    if not _wrong(ledger, used):
+        return False
+    if ledger.followed is None:
+        ledger.followed = yield from _all_followed(ledger)
+    truth, total = ledger.expected.scene(scene), ledger.followed.get(scene.name)
+    if total is None or layers.shape[:2] != truth.total.shape[:2]:
+        return False
+    if not is_followed(truth, layers, Sampled.of(scene), total):
+        return False
+    checks = [ledger.judged[name].check for name in used if name in ledger.judged]
+    share = sum(c.score for c in checks) / max(sum(c.max_score for c in checks), 1e-9)
+    finite = np.isfinite(layers[..., :3]).all()
+    check.score = max(check.score, check.max_score * min(share, 1.0 if finite else 0.5))
+    return True
+
+
+def _all_followed(ledger: Ledger) -> Asking[dict[str, np.ndarray]]:
+    """Of all scenes at once, since it takes about as long as of one. A release has no solution, and follows nothing."""
+    wrong = [ledger.assignment.function(name) for name in _wrong(ledger, set(ledger.judged))]
+    scenes = [plan.item for plan in ledger.plans if plan.kind == NAME and not plan.item.missing_meshes()]
+    scenes = [scene for scene in scenes if _wrong(ledger, functions_used(scene, ledger))]
+    if ledger.assignment.solution is None or not scenes:
+        return {}
+    sampled = [Sampled.of(scene) for scene in scenes]
+    followed = FollowedSolution(ledger.assignment, loops=ledger.expected.facts.loops)
+    drawn = yield from followed.drawn(scenes, [s.size for s in sampled], [s.shift for s in sampled], wrong)
+    return {name: image[..., :3] for name, image in (drawn or {}).items()}
+
+
+def _wrong(ledger: Ledger, used: set[str]) -> list[str]:
+    """In the order of the data flow."""
+    judged = [f.name for f in ledger.assignment.functions if f.name in used and f.name in ledger.judged]
+    return [name for name in judged if ledger.judged[name].check.status == "failed"]
+
+
+# --------------------------------------------------------------------------------------------------- what is to blame
+
+
+def _blame(check: Check, ledger: Ledger, scene: Scene, used: set[str], followed: bool) -> None:
     """Of the functions that the scene draws with, the first that is wrong on what the scene asks explains the picture."""
-    wrong = [f.name for f in ledger.assignment.functions if f.name in used and f.name in ledger.judged]
-    wrong = [name for name in wrong if ledger.judged[name].check.status == "failed"]
+    wrong = _wrong(ledger, used)
     if scene.name in ledger.expected.facts.recorded:
         number = ledger.expected.facts.recorded.index(scene.name)
         here = [
@@ -93,3 +138,4 @@ def _blame(check: Check, ledger: Ledger, scene: Scene, used: set[str]) -> None:
     if check.because:
         names = [id.split("/")[-1] for id in check.because]
         check.message += f"; it is drawn with {listed(names)}, which {'is' if len(names) == 1 else 'are'} wrong"
+        check.message += ", and right apart from that" if followed else ""
