@@ -11,6 +11,7 @@ import numpy as np
 from shadelab.course.assignment import Assignment, Function
 from shadelab.errors import InfrastructureError
 from shadelab.evidence.messages import readable_errors, readable_warnings
+from shadelab.evidence.missing import advice, called, missing, with_stand_ins
 from shadelab.evidence.tasks import (
     DRAW_LIMITS,
     EVALUATE_LIMITS,
@@ -27,7 +28,7 @@ from shadelab.machine import renderer
 from shadelab.machine.build import UNSET_BYTE, CompileError, Plugin, Recipe, build_plugin
 from shadelab.machine.command import Command
 from shadelab.machine.sandbox import Limits, Outcome, Sandbox
-from shadelab.words import listed
+from shadelab.words import decoded, listed
 
 
 class CppRunner:
@@ -38,15 +39,33 @@ class CppRunner:
         self.plugin: Plugin | None = None
         self.environment: dict[str, str] = {}  # of what is evaluated
         self.warnings = ""  # of the compiler, about the student's lines
+        self._missing: dict[str, str] = {}  # functions that the file lacks, and what is said of each
 
-    def build(self, folder: Path) -> None:
-        """Raises BuildError."""
+    def build(self, folder: Path, complete: bool = False) -> None:
+        """complete: what does not need the functions that the file lacks can be asked all the same. Raises BuildError."""
+        source = folder / "shading.cpp"
         try:
-            self.plugin = build_plugin(self.assignment.glue, folder / "shading.cpp", self.sandbox, self.recipe)
+            self.plugin = build_plugin(self.assignment.glue, source, self.sandbox, self.recipe)
         except CompileError as error:
-            said = readable_errors(error.stderr, self.assignment) or f"the compiler {error.ending}"
-            raise BuildError(said) from None
-        self.warnings = readable_warnings(self.plugin.said)
+            if not (complete and self._build_without(source)):
+                said = readable_errors(error.stderr, self.assignment) or f"the compiler {error.ending}"
+                raise BuildError(said) from None
+        self.warnings = "\n".join([*self._missing.values(), readable_warnings(self.plugin.said)]).strip()
+
+    def _build_without(self, source: Path) -> bool:
+        text = decoded(source.read_bytes())
+        names = missing(self.assignment, text)
+        if not names:
+            return False
+        completed = self.sandbox.fresh("completed")
+        completed.mkdir()
+        (completed / source.name).write_text(with_stand_ins(self.assignment, text, names))
+        try:
+            self.plugin = build_plugin(self.assignment.glue, completed / source.name, self.sandbox, self.recipe)
+        except CompileError:
+            return False
+        self._missing = {name: f"{source.name}: {name} {advice(name, text, self.assignment)}" for name in names}
+        return True
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         for task in tasks:
@@ -58,6 +77,10 @@ class CppRunner:
         if not outcome.ok and shutil.disk_usage(self.sandbox.folder).free < limits.file_size:
             raise InfrastructureError(f"the disk is nearly full: {self.sandbox.folder}")
         return outcome
+
+    def _explain(self, outcome: Outcome, limits: Limits) -> str:
+        name = called(outcome.stderr, list(self._missing))
+        return f"cannot be asked: {self._missing[name]}" if name else outcome.explain(limits)
 
     def evaluate(self, task: Evaluate) -> Output:
         real = np.float64 if self.recipe.double else np.float32
@@ -71,16 +94,16 @@ class CppRunner:
         )
         shape = (len(task.rows), len(task.function.outputs))
         if not outcome.ok:
-            output.failure = outcome.explain(EVALUATE_LIMITS)
+            output.failure = self._explain(outcome, EVALUATE_LIMITS)
         elif not is_regular(results) or results.stat().st_size != shape[0] * shape[1] * np.dtype(real).itemsize:
             output.failure = "ended the program without giving its results (does it call exit?)"
         else:
             output.array = np.fromfile(results, real).reshape(shape)
             output.unset = _unset(output.array, task.function)
-            output.missing = self._missing(task, follow)
+            output.missing = self._unrecorded(task, follow)
         return output
 
-    def _missing(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
+    def _unrecorded(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
         out = {}
         for name in task.records or {}:
             columns = len(self.assignment.function(name).inputs)
@@ -105,12 +128,12 @@ class CppRunner:
             printed=outcome.stdout.decode(errors="replace"), seconds=outcome.seconds, hung=outcome.timed_out
         )
         if not outcome.ok:
-            output.failure = outcome.explain(DRAW_LIMITS)
+            output.failure = self._explain(outcome, DRAW_LIMITS)
             return output
         try:
             output.array = load_image(image)
             output.first_not_finite, output.frames = _read_statistics(counts, task.frames)
-            output.missing = self._missing(task, follow)
+            output.missing = self._unrecorded(task, follow)
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"

@@ -1,10 +1,10 @@
 """What compilers say, as lines that a student can act on: the student's own file and line, and types as students write them."""
 
-import difflib
 import re
 from pathlib import Path
 
 from shadelab.course.assignment import Assignment
+from shadelab.evidence.missing import advice, definition, prototypes
 
 MAX_LINES = 5  # of one error
 PRELUDE_LINE = 1_000_001  # where the lines of the generated GLSL begin (glue.hpp); below it are the student's
@@ -71,18 +71,9 @@ def _called(signature: str) -> str:
     return found[1] if found else ""
 
 
-def _declared(assignment: Assignment) -> dict[str, str]:
-    """How each function of the assignment is declared."""
-    types = {name: name for name in assignment.structs}
-    return {
-        f.name: f"{f.returns} {f.name}({', '.join(f'{types.get(v.domain.type, v.domain.type)} {v.name}' for v in f.values)})"
-        for f in assignment.functions
-    }
-
-
 def _behind_the_file(text: str, assignment: Assignment) -> str:
     """An error in the generated code is about how it calls the student's functions, or about what the file left open."""
-    declared = _declared(assignment)
+    declared = prototypes(assignment)
     for name, prototype in declared.items():
         if re.search(rf"\b{name}\b", text):
             if "not declared" in text:
@@ -207,29 +198,20 @@ def readable_shader_warnings(log: str) -> str:
     return "\n".join([*lines.values()][:MAX_LINES])
 
 
-def _definition(name: str, student: str) -> tuple[int, str] | None:
-    """Where the file defines a function, and how."""
-    found = re.search(rf"^[ \t]*(?:\w+[ \t]+)+{name}\s*\([^)]*\)(?=\s*\{{)", student, re.MULTILINE)
-    return (1 + student.count("\n", 0, found.start()), " ".join(found[0].split())) if found else None
-
-
 def _missing(name: str, student: str, assignment: Assignment) -> str:
     """The linker misses what a prototype of ours promises."""
-    prototype = _declared(assignment).get(name)
+    prototype = prototypes(assignment).get(name)
     if prototype is None:
         return f"shading.glsl: the function {name} is called and not defined"
-    if own := _definition(name, student):
+    if own := definition(name, student):
         return f"shading.glsl:{own[0]}: {own[1]} is not the function that is asked for; declare it as {prototype}"
-    names = [n for n in re.findall(r"(\w+)\s*\([^()]*\)\s*\{", student) if n not in _declared(assignment)]
-    near = difflib.get_close_matches(name, names, 1)
-    like = f" ({near[0]} in line {at[0]} looks like it)" if near and (at := _definition(near[0], student)) else ""
-    return f"shading.glsl: the function {name} is missing{like}; declare it as {prototype}"
+    return f"shading.glsl: the function {name} {advice(name, student, assignment)}"
 
 
 def _told(text: str, student: str, assignment: Assignment) -> str:
     """What a driver says of a student's line, as advice where its words speak of code that the student does not see."""
     name = (re.search(r"function '(\w+)'", text) or ["", ""])[1]
-    prototype = _declared(assignment).get(name)
+    prototype = prototypes(assignment).get(name)
     if "qualifiers don't match prototype" in text and prototype:
         return f"{name} is given values, and cannot have out or inout arguments; declare it as {prototype}"
     if "return type doesn't match prototype" in text and prototype:
@@ -243,7 +225,7 @@ def _told(text: str, student: str, assignment: Assignment) -> str:
 def _of_the_whole(text: str, student: str) -> str:
     """What a driver says without a line: the line is found in the student's text."""
     if recursive := re.match(r"function '[\w ]*?(\w+)\(.*static recursion", text):
-        line = (_definition(recursive[1], student) or ["?"])[0]
+        line = (definition(recursive[1], student) or ["?"])[0]
         return f"shading.glsl:{line}: {recursive[1]} calls itself, directly or through others; GLSL has no recursion"
     if written := re.search(r"gl_Frag(?:Color|Data|Depth)", text):
         line = 1 + student.partition(written[0])[0].count("\n")

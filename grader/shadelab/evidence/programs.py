@@ -63,7 +63,7 @@ class Programs:
                 source.mkdir(exist_ok=True)
                 (source / "shading.cpp").write_text(as_cpp((self.submission / "shading.glsl").read_bytes()))
             try:
-                runner.build(source)
+                runner.build(source, complete=program.text is None)
                 self.runners[program] = runner
             except BuildError as error:
                 if program.text is not None:

@@ -48,7 +48,7 @@ class Student:
             return Built(warnings=self.runner.warnings)
         with ThreadPoolExecutor(2) as pool:
             wanted = [self.runner, self.drawer] if draws else [self.runner]
-            for build in [pool.submit(runner.build, self.submission) for runner in wanted]:
+            for build in [pool.submit(runner.build, self.submission, complete=True) for runner in wanted]:
                 build.result()
         return Built(warnings=self.runner.warnings)
 
