@@ -2,6 +2,7 @@
 
 #include "commands.hpp"
 #include "followed.hpp"
+#include "traced.hpp"
 
 #include "text/json.hpp"
 
@@ -16,7 +17,7 @@ namespace shadelab {
 namespace {
 
 struct EvaluateOptions {
-    std::string plugin, function, input, output, follow, statistics;
+    std::string plugin, function, input, output, follow, statistics, trace;
     int repeat = 0;
 };
 
@@ -40,7 +41,13 @@ void evaluate(const EvaluateOptions& options, const PluginLibrary& library) {
     std::vector<Real> rows(size_t(count) * function->columns_in), results(size_t(count) * function -> columns_out);
     in.seekg(0);
     in.read(reinterpret_cast<char*>(rows.data()), std::streamsize(bytes));
-    function->evaluate(count, rows.data(), results.data());
+    if (options.trace.empty()) {
+        function->evaluate(count, rows.data(), results.data());
+    } else {
+        Traced traced(library);
+        traced.evaluate(*function, count, rows.data(), results.data());
+        traced.write(options.trace);
+    }
     if (options.repeat && !options.statistics.empty()) {  // what came so far has warmed caches and clock
         std::vector<double> seconds;
         for (int turn = 0; turn < options.repeat; ++turn) {
@@ -76,6 +83,8 @@ void add_evaluate(CLI::App& app) {
     command->add_option("--repeat", options->repeat, "evaluate all rows so many times more, for --statistics")
         ->check(CLI::Range(1, 1000000));
     command->add_option("--statistics", options->statistics, "with --repeat: write each repeat's seconds as JSON");
+    command->add_option("--trace", options->trace,
+                        "write what the function compares for each row, of a plugin with -DSHADELAB_TRACE");
     command->callback([options] {
         const PluginLibrary library(options->plugin);
         library.is_double() ? evaluate<double>(*options, library) : evaluate<float>(*options, library);

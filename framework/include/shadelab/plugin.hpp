@@ -63,4 +63,11 @@ inline constexpr const char* follow_symbol = "shadelab_follow";
 template <class Real>
 using Answer = bool (*)(int function, const Real* in, Real* out);
 
+// A plugin that was compiled with -DSHADELAB_TRACE tells what its functions compare (trace.hpp).
+
+inline constexpr const char* trace_symbol = "shadelab_trace";
+
+/// `site`: where the comparison stands in the code.
+using Trace = void (*)(const void* site, double left, double right);
+
 }  // namespace shadelab::plugin

@@ -21,6 +21,9 @@ public:
     /// Whom the plugin asks before it calls a function. Throws InfrastructureError when it was not compiled for that.
     template <class Real>
     void follow(plugin::Answer<Real> answer) const;
+    /// Who is told what the plugin's functions compare. Returns an address from which each site is at a fixed distance. Throws
+    /// as above.
+    const char* trace(plugin::Trace told) const;
 
 private:
     void* handle_;

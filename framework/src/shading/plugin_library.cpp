@@ -35,6 +35,13 @@ void PluginLibrary::follow(plugin::Answer<Real> answer) const {
     *place = answer;
 }
 
+const char* PluginLibrary::trace(plugin::Trace told) const {
+    auto* place = static_cast<plugin::Trace*>(dlsym(handle_, plugin::trace_symbol));
+    if (!place) throw InfrastructureError("the plugin was not compiled with -DSHADELAB_TRACE");
+    *place = told;
+    return reinterpret_cast<const char*>(place);
+}
+
 template void PluginLibrary::follow(plugin::Answer<float>) const;
 template void PluginLibrary::follow(plugin::Answer<double>) const;
 template const plugin::Table<float>& PluginLibrary::table() const;

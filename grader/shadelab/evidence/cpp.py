@@ -21,6 +21,7 @@ from shadelab.evidence.tasks import (
     Output,
     Record,
     Task,
+    Trace,
     is_regular,
     load_image,
 )
@@ -87,7 +88,8 @@ class CppRunner:
         rows, results = self.sandbox.fresh("rows.bin"), self.sandbox.fresh("results.bin")
         task.rows.astype(real).tofile(rows)
         follow = None if task.records is None else self._write_records(task.records, real)
-        command = renderer.evaluate(self.plugin.file, task.function.name, rows, results, follow)
+        trace = self.sandbox.fresh("trace.bin") if task.traced else None
+        command = renderer.evaluate(self.plugin.file, task.function.name, rows, results, follow, trace=trace)
         outcome = self._run(command, EVALUATE_LIMITS)
         output = Output(
             printed=outcome.stdout.decode(errors="replace"), seconds=outcome.seconds, hung=outcome.timed_out
@@ -101,6 +103,7 @@ class CppRunner:
             output.array = np.fromfile(results, real).reshape(shape)
             output.unset = _unset(output.array, task.function)
             output.missing = self._unrecorded(task, follow)
+            output.trace = _read_trace(trace, len(task.rows)) if trace else None
         return output
 
     def _unrecorded(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
@@ -138,6 +141,18 @@ class CppRunner:
             output.array = None
             output.failure = "ended the program without giving its image (does it call exit?)"
         return output
+
+
+def _read_trace(file: Path, rows: int) -> Trace | None:
+    """None where the student's code has spoilt it: then nothing more is asked."""
+    if not is_regular(file) or file.stat().st_size < 8:
+        return None
+    count = int(np.fromfile(file, np.int64, 1)[0])
+    if not 0 <= count <= 1 << 16 or file.stat().st_size != 8 + 8 * count + 8 * rows * count:
+        return None
+    sites = np.fromfile(file, np.int64, count, offset=8)
+    margins = np.fromfile(file, np.float32, offset=8 + 8 * count).reshape(rows, count, 2)
+    return Trace(sites, margins[..., 0], margins[..., 1])
 
 
 def _unset(array: np.ndarray, function: Function) -> str | None:

@@ -41,6 +41,7 @@ class Evaluate:
     student: Path | None = None  # GLSL: another file than the runner's; for our own code
     program: Program | None = None  # None: whoever is asked
     records: dict[str, Record] | None = None  # outputs that stand in for functions, by name (follow-through)
+    traced: bool = False  # whether what the function compares is asked for, too; of C++ that is compiled for it
 
 
 @dataclass
@@ -55,6 +56,18 @@ class Draw:
     frames: int = 0  # drawn after the image, to measure the time of one
     program: Program | None = None  # C++; None: whoever is asked
     records: dict[str, Record] | None = None  # as of Evaluate; of a program of ours
+
+
+@dataclass
+class Trace:
+    """What a function compared: how far left of right each comparison was, by where it stands in the code."""
+
+    sites: np.ndarray  # (S,) int64; the same in every run of a program
+    least: np.ndarray  # (N, S) float32: left minus right for each row; NaN where it does not come there
+    most: np.ndarray  # the same, where a row comes there more than once
+
+    def first(self, rows: int) -> "Trace":
+        return Trace(self.sites, self.least[:rows], self.most[:rows])
 
 
 Task = Evaluate | Draw
@@ -74,6 +87,7 @@ class Output:
     )  # of each function with a record: the arguments that it lacks
     frames: list[float] = field(default_factory=list)  # seconds of further frames: without loading and compiling
     first_not_finite: str | None = None  # where, and with what inputs
+    trace: Trace | None = None
     said: str = ""  # warnings, where code was only compiled
     unset: str | None = None  # what of the result was never stored, and how often
 

@@ -55,6 +55,7 @@ class Recipe:
     columns: bool = False
     level: str | None = None  # of x86-64; None: this processor's (processor.py)
     quick: bool = False  # compiled in half the time, for few images: slower code, the same bits
+    trace: bool = False  # tells what the functions compare, to the same bits
     many: bool = False  # a program of thousands of bodies, each run a few times: not optimised
 
     def flags(self) -> list[str]:
@@ -64,12 +65,14 @@ class Recipe:
         out += [] if self.functions else ["-DSHADELAB_NO_FUNCTIONS"]
         out += ["-DSHADELAB_FOLLOW"] if self.follow else []
         out += ["-DSHADELAB_COLUMNS"] if self.columns else []
+        out += ["-DSHADELAB_TRACE"] if self.trace else []
         return [*self.headers(), *out]
 
     def headers(self) -> list[str]:
         """What precompiled headers must be compiled with, too."""
         unset = [_unset_pattern] if _compiler_version() >= 12 else []
-        return [*_common, *(_warned if self.alone else []), *unset, *self.arithmetic()]
+        traced = ["-fsanitize-coverage=trace-cmp"] if self.trace else []
+        return [*_common, *(_warned if self.alone else []), *unset, *traced, *self.arithmetic()]
 
     @property
     def alone(self) -> bool:
@@ -103,7 +106,7 @@ def _compiler_version() -> int:
     return int(said.partition(".")[0]) if said[:1].isdigit() else 0
 
 
-FUNCTIONS = Recipe(loops=())
+FUNCTIONS = Recipe(loops=(), trace=True)
 DOUBLE = Recipe(double=True, loops=())
 
 

@@ -198,15 +198,16 @@ def image(description: Description, assignment: Path, plugin: Path, view: View, 
 
 
 def evaluate(
-    plugin: Path, function: str, rows: Path, results: Path, follow: Path | None = None, repeat: int = 0, statistics: Path | None = None
+    plugin: Path, function: str, rows: Path, results: Path, follow: Path | None = None, repeat: int = 0,
+    statistics: Path | None = None, trace: Path | None = None,
 ) -> Command:  # fmt: skip
-    """`follow`: as of ImageFiles."""
+    """`follow`: as of ImageFiles. `trace`: what the function compares goes there (traced.hpp)."""
     arguments = ["evaluate", str(plugin), function, str(rows), str(results)]
     arguments += ["--follow", str(follow)] if follow else []
     arguments += ["--repeat", str(repeat), "--statistics", str(statistics)] if statistics else []
-    return _command(
-        arguments, [plugin, rows, *([follow] if follow else [])], [f for f in (results, follow, statistics) if f]
-    )
+    arguments += ["--trace", str(trace)] if trace else []
+    writes = [f for f in (results, follow, statistics, trace) if f]
+    return _command(arguments, [plugin, rows, *([follow] if follow else [])], writes)
 
 
 def frames(

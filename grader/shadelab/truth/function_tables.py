@@ -57,17 +57,27 @@ def _judged(
     """The forms are equal on exact unit vectors; how much rounding of the inputs moves them depends on the form, and nobody
     has to know a better one than the slides'."""
     rows = np.vstack([drawn, recorded])
-    exact = renormalised(function, rows)
-    inputs = np.concatenate([exact, *jittered(function, exact)])
-    results = []
-    for form in forms:
-        [output] = workshop.outputs(form, [Evaluate(function, inputs)])
-        results.append(output.array.reshape(-1, len(rows), output.array.shape[1]))
-    truth = results[0][0]
-    with np.errstate(invalid="ignore"):
-        conditioning = np.nan_to_num(np.abs(np.concatenate(results)[1:] - truth)).max(axis=0)
+    inputs = moved_rows(function, rows)
+    truth, conditioning = truth_of(
+        [workshop.outputs(form, [Evaluate(function, inputs)])[0].array for form in forms], len(rows)
+    )
     conditioning[on_gate(function, len(drawn), len(rows))] = 0.0
     return Table(rows, truth, conditioning, len(drawn))
+
+
+def moved_rows(function: Function, rows: np.ndarray) -> np.ndarray:
+    """(K N, columns) float64: the rows exactly, and then as rounding of the inputs moves them."""
+    exact = renormalised(function, rows)
+    return np.concatenate([exact, *jittered(function, exact)])
+
+
+def truth_of(results: list[np.ndarray], rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """The truth and its conditioning, (rows, results) each, from what several forms give for moved_rows; the first is the
+    solution."""
+    parts = [result.reshape(-1, rows, result.shape[1]) for result in results]
+    truth = parts[0][0]
+    with np.errstate(invalid="ignore"):
+        return truth, np.nan_to_num(np.abs(np.concatenate(parts)[1:] - truth)).max(axis=0)
 
 
 def on_what(workshop: Workshop, tables: dict[str, Table]) -> dict[str, list[str]]:

@@ -232,6 +232,42 @@ def moved_one_by_one(function: Function, rows: np.ndarray, units: float = 0.5) -
     return out
 
 
+def nearby(function: Function, rows: np.ndarray, others: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The rows, each with one argument changed: it is another row's, or moved a little or far, within the typical domain."""
+    out = rows.astype(np.float64)
+    firsts = [(k, column) for k, column in enumerate(function.inputs) if column.index == 0]
+    which, taken = rng.integers(len(firsts), size=len(rows)), rng.random(len(rows)) < 0.4
+    from_others = others[rng.integers(len(others), size=len(rows))]
+    for number, (k, column) in enumerate(firsts):
+        columns, here = slice(k, k + column.width), which == number
+        change = here & (taken | (column.domain.type == "int"))
+        out[change, columns] = from_others[change, columns]
+        if column.domain.type != "int":
+            change = here & ~taken
+            out[change, columns] = _moved(column.domain, out[change, columns], rng)
+    return out.astype(np.float32)
+
+
+def _moved(domain: Domain, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    far = log_distances(len(values), NEAREST_PEAK, rng)
+    if domain.kind in ("unit", "upper"):
+        return unit_vectors(rotated(values, np.pi * far, rng))
+    way = rng.uniform(-1, 1, size=values.shape) * far[:, None]
+    if domain.kind == "position":
+        return values + 10 * way
+    low, high = bounds(domain)
+    if domain.scale == "log":
+        return np.clip(values * np.exp(way * np.log(high / low)), low, high)
+    return np.clip(values + way * (high - low), low, high)
+
+
+def bounds(domain: Domain) -> tuple[float, float]:
+    """Between which typical numbers lie."""
+    if domain.kind in ("rgb", "cosine"):
+        return 0.0, 1.0
+    return (0.0, np.pi / 2) if domain.kind == "angle" else domain.typical or domain.range or (-np.inf, np.inf)
+
+
 def one_by_one(function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
     """Some of the rows as they are, under "", and with one input at a time taken from another row; by its path."""
     base = rows[:: max(1, len(rows) // SOME)]

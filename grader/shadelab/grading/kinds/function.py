@@ -4,7 +4,8 @@ import numpy as np
 
 from shadelab.course.assignment import Assignment, Function
 from shadelab.course.mistakes import load_changes
-from shadelab.evidence.tasks import Asking, Evaluate, Program
+from shadelab.evidence.tasks import Asking, Evaluate, Program, Trace
+from shadelab.grading.branches import Known, search, with_rows
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
 from shadelab.grading.questions import finished, without_numbers
@@ -13,8 +14,9 @@ from shadelab.judge.diagnosis import Patient, candidates, diagnose_by_search, di
 from shadelab.judge.functions import OFF, Followed, FunctionJudgement, informative, judge_function, may_be_rounding
 from shadelab.judge.relations import Candidate
 from shadelab.judge.words import percent_of
-from shadelab.machine.build import DOUBLE
+from shadelab.machine.build import DOUBLE, FUNCTIONS
 from shadelab.result import Check
+from shadelab.truth.expected import Table
 from shadelab.truth.follow import FollowedSolution
 from shadelab.truth.tables import changing, jittered, on_gate, one_by_one, renormalised
 from shadelab.words import listed
@@ -37,16 +39,50 @@ def judge(plan: Plan, ledger: Ledger) -> Asking[Check]:
     function: Function = plan.item
     rows = ledger.expected.table(function).rows
     again = np.arange(len(rows))[::-AGAIN]
-    output = yield Evaluate(function, np.vstack([rows, rows[again]]))
+    output = yield Evaluate(function, np.vstack([rows, rows[again]]), traced=ledger.backend == "cpp")
     if output.array is None:
         return without_numbers(plan, ledger, output)
     first, second = output.array[: len(rows)], output.array[len(rows) :]
     ledger.outputs[function.name] = first
     check = yield from _judge(plan, ledger, first)
+    if check.status == "passed" and not ledger.judged[function.name].followed:
+        check = yield from _ask_branches(plan, ledger, first, output.trace, check)
     other = ~((first[again] == second) | (np.isnan(first[again]) & np.isnan(second))).all(axis=1)
     if other.any():
         _unsteady(check, float(other.mean()))
     return finished(check, output)
+
+
+def _ask_branches(plan: Plan, ledger: Ledger, actual: np.ndarray, trace: Trace | None, check: Check) -> Asking[Check]:
+    """A function that is right on its table is asked what its own comparisons single out. A release has nothing to judge that
+    by."""
+    function, assignment, table = plan.item, ledger.assignment, ledger.expected.table(plan.item)
+    if assignment.solution is None:
+        return check
+    program = None
+    if ledger.backend == "glsl":  # where it is C++, too, its comparisons are known
+        program = Program(FUNCTIONS, translated=True)
+        trace = (yield Evaluate(function, table.rows, program=program, traced=True)).trace
+    if trace is None:
+        return check
+    known = Known.of(table.rows, trace.first(len(table.rows)))
+    rows = yield from search(assignment, function, known, program)
+    if not len(rows):
+        return check
+    output = yield Evaluate(function, rows)
+    if output.array is None:
+        return without_numbers(plan, ledger, output)
+    table = yield from with_rows(assignment, function, table, rows)
+    actual = np.vstack([actual, output.array])
+    judgement = _by(plan, ledger, actual, table=table)
+    if judgement.check.status == "failed":
+        judgement = yield from _without_rounding(plan, ledger, actual, judgement)
+    if judgement.check.status == "passed":
+        return check
+    ledger.judged[function.name] = judgement
+    wrong = int(judgement.wrong.sum())
+    judgement.check.message += f"; {wrong} of {len(rows)} inputs that a comparison of your own singles out"
+    return judgement.check
 
 
 def _unsteady(check: Check, share: float) -> None:
@@ -120,9 +156,14 @@ def _ignored(ledger: Ledger, function: Function) -> Asking[list[str]]:
 
 
 def _by(
-    plan: Plan, ledger: Ledger, actual: np.ndarray, followed: Followed | None = None, excused: np.ndarray | None = None
+    plan: Plan,
+    ledger: Ledger,
+    actual: np.ndarray,
+    followed: Followed | None = None,
+    excused: np.ndarray | None = None,
+    table: Table | None = None,
 ) -> FunctionJudgement:
-    table, floor = ledger.expected.table(plan.item), ledger.expected.floor(plan.item, ledger.backend)
+    table, floor = table or ledger.expected.table(plan.item), ledger.expected.floor(plan.item, ledger.backend)
     return judge_function(plan.item, ledger.backend, plan.points, table, floor, actual, followed, excused)
 
 
@@ -143,11 +184,11 @@ def _without_rounding(
         return judgement
     in_double = actual.astype(np.float64)
     in_double[asked] = output.array
-    right = ~_by(plan, ledger, in_double).wrong
+    right = ~_by(plan, ledger, in_double, table=table).wrong
     excused = asked & right
     if not excused.any():
         return judgement
-    other = _by(plan, ledger, actual, excused=excused)
+    other = _by(plan, ledger, actual, excused=excused, table=table)
     if other.check.status == "passed":
         other.check.message = f"{percent_of(float(excused.mean()))} of the inputs are right in double arithmetic only"
     return other
