@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 
 from shadelab.course.assignment import Assignment, Function
 from shadelab.course.bodies import Node, Statement, parse
@@ -235,12 +235,81 @@ class _Breeder:
         return " and ".join(dict.fromkeys(found))
 
     def _of_expression(self, root: Node) -> Iterator[_Change]:
+        yield from self._throughout(root)
         parents = {id(part): node for node in root.all() for part in node.parts}
         for node in root.all():
             yield from getattr(self, f"_of_{node.kind}", lambda *_: ())(node, parents.get(id(node)))
 
+    def _throughout(self, root: Node) -> Iterator[_Change]:
+        """What somebody does wherever a formula has the same: a square forgotten, another quantity taken."""
+        text = self._text(root)
+        for new, words in ((r"\1", "without the squares in"), (r"abs(\1)", "with absolute values for the squares of")):
+            changed = re.sub(r"\b(\w+) \* \1\b(?! \*)", new, text)
+            if changed != text:
+                yield self._slip(f"{words} one formula", root, changed, f"{words} one formula")
+        uses: dict[str, list[Node]] = {}
+        for node in root.all():
+            if node.kind == "name":
+                uses.setdefault(node.name, []).append(node)
+        for name, nodes in uses.items():
+            type, mine = self.types.get(name, ""), self._words(nodes[0])
+            if len(nodes) < 2 or not type or not mine:
+                continue
+            others = {other: self._words(Node("name", 0, 0, other)) for other, t in self.types.items() if t == type}
+            if type == "Real":
+                others |= {f"sqrt({name})": f"the root of {mine}", f"({name} * {name})": f"the square of {mine}"}
+            for other, theirs in others.items():
+                if theirs and theirs != mine:
+                    said = f"with {theirs} in the place of {mine} throughout a formula"
+                    yield self._slip(f"{other} for every {name}", root, self._with(root, nodes, other), said)
+
+    def _with(self, root: Node, nodes: list[Node], new: str) -> str:
+        """The text of `root` with others in the place of some of its nodes."""
+        text = self._text(root)
+        for node in sorted(nodes, key=lambda n: -n.start):
+            text = text[: node.start - root.start] + new + text[node.end - root.start :]
+        return text
+
+    def _terms(self, node: Node) -> list[tuple[str, Node]]:
+        """Of a sum, each with its sign."""
+        if node.kind != "binary" or node.name not in ("+", "-"):
+            return [("+", node)]
+        return [*self._terms(node.parts[0]), (node.name, node.parts[1])]
+
+    def _of_sum(self, node: Node) -> Iterator[_Change]:
+        """Two of its terms changed at once; a sum of squares as the square of the sum."""
+        terms = self._terms(node)
+        texts, words = [self._text(t) for _, t in terms], [self._words(t) for _, t in terms]
+        changes = {
+            "left out": lambda sign: None, "negated": lambda sign: "-" if sign == "+" else "+", "doubled": lambda sign: f"{sign} 2.0 *"
+        }  # fmt: skip
+        if len(terms) > 2 and all(words):
+            for i, j in combinations(range(len(terms)), 2):
+                for (one, first), (two, second) in product(changes.items(), repeat=2):
+                    signs = [sign for sign, _ in terms]
+                    signs[i], signs[j] = first(signs[i]), second(signs[j])
+                    left = "".join(f" {sign} ({text})" for sign, text in zip(signs, texts) if sign)
+                    said = f"with {words[i]} {one} and {words[j]} {two}"
+                    yield self._slip(f"{said}", node, f"({left.lstrip(' +') or '0.0'})", said)
+        roots = [self._root(t) for _, t in terms]
+        if len(terms) == 2 and all(roots):
+            total = f"({roots[0]} {terms[1][0]} {roots[1]})"
+            said = "with the square of a sum in the place of a sum of squares"
+            yield self._slip("square of the sum", node, f"({total} * {total})", said)
+
+    def _root(self, node: Node) -> str:
+        """Of what it is the square."""
+        if node.kind == "bracket":
+            return self._root(node.parts[0])
+        texts = [self._text(part) for part in node.parts] if node.kind == "binary" and node.name == "*" else ["", "."]
+        return f"({texts[0]})" if texts[0] == texts[1] else ""
+
     def _of_binary(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         left, right = node.parts
+        if node.name in ("+", "-") and not (
+            parent is not None and parent.kind == "binary" and parent.name in ("+", "-")
+        ):
+            yield from self._of_sum(node)
         for new in SWAPS.get(node.name, ()):
             yield _Change(
                 f"{node.name} -> {new}", node.at, node.at + len(node.name), new, node.at, self._swapped(node, new)
@@ -277,6 +346,21 @@ class _Breeder:
             )
             if self._type(node) == "Real":
                 yield self._slip("fraction upside down", node, f"({texts[1]}) / ({texts[0]})", "")
+        # a / (b + c) with the bracket closed too early, or each term divided by
+        terms = self._terms(right.parts[0]) if node.name == "/" and right.kind == "bracket" else []
+        if len(terms) > 1:
+            (_, first), *rest = ((sign, self._text(term)) for sign, term in terms)
+            after = "".join(f" {sign} {text}" for sign, text in rest)
+            yield self._slip(
+                "bracket closed too early", node, f"({texts[0]} / ({first}){after})", "with the first term of the divisor alone as divisor"
+            )  # fmt: skip
+            each = "".join(f" {sign} {texts[0]} / ({self._text(term)})" for sign, term in terms)
+            yield self._slip(
+                "divided one by one",
+                node,
+                f"({each.lstrip(' +')})",
+                "with the terms of the divisor inverted one by one",
+            )
         # a * (b + c) and (a + b) * c without their brackets
         for part in node.parts:
             inside = part.parts[0] if part.kind == "bracket" else None
@@ -401,6 +485,17 @@ class _Breeder:
     def _of_call(self, node: Node, parent: Node | None) -> Iterator[_Change]:
         texts = [self._text(part) for part in node.parts]
         words = [self._words(part) for part in node.parts]
+        if len(node.parts) == 1 and node.parts[0].kind == "binary" and node.parts[0].name in ("*", "/"):
+            inner, outer = (self._text(part) for part in node.parts[0].parts)
+            verb = "a factor" if node.parts[0].name == "*" else "a division"
+            said = f"with {verb} outside of {node.name} that belongs inside"
+            yield self._slip(
+                "bracket closed too early", node, f"({node.name}({inner}) {node.parts[0].name} ({outer}))", said
+            )
+        if len(texts) == 3 and node.name not in self.scope.functions and not node.name.startswith("vec"):
+            for turned in ([texts[1], texts[2], texts[0]], [texts[2], texts[0], texts[1]]):
+                said = f"with the arguments of {node.name} in another order"
+                yield self._slip("arguments turned", node, f"{node.name}({', '.join(turned)})", said)
         for number, text in enumerate(texts):
             said = self._instead(node, number, words)
             yield _Change(

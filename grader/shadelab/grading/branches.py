@@ -16,8 +16,8 @@ from shadelab.truth.function_tables import moved_rows, truth_of
 from shadelab.truth.tables import bounds, make_table, nearby
 
 FRESH_SEED = 6837  # of rows that the table does not hold
-WAVES = 4  # of neighbours
-CLOSEST, NEIGHBOURS = 16, 12  # for each comparison: from so many rows, so many neighbours each
+WAVES, PATIENCE = 16, 3  # of neighbours; so many may come no nearer
+CLOSEST, NEIGHBOURS = 12, 32  # for each comparison: from so many rows, so many neighbours each
 MOST_SIDES = 24  # that are searched for at once
 KEPT = 12  # rows that are judged for each side that was found
 BELOW, ABOVE, AT = "below", "above", "at"
@@ -57,22 +57,35 @@ class Known:
 def search(assignment: Assignment, function: Function, table: Known, program: Program | None) -> Asking[np.ndarray]:
     """(M, columns) float32: rows on sides that the table does not meet. program: who is asked; None: the submission as graded."""
     met, rng = table.met(), np.random.default_rng(FRESH_SEED)
-    wanted = [(site, side) for site in table.margins for side in (BELOW, ABOVE) if (site, side) not in met][:MOST_SIDES]
     fresh = make_table(assignment, function, FRESH_SEED)
-    tried = [table]
+    tried, best = [table], dict[Side, list[float]]()
     candidates = np.vstack([fresh, *_solved(function, table, fresh, met)])
     for _ in range(1 + WAVES):
         output = yield Evaluate(function, candidates, program=program, traced=True)
         if output.trace is None:
             break
         tried.append(Known.of(candidates, output.trace))
-        found = set().union(*(known.met() for known in tried[1:]))
-        open_sides = [side for side in wanted if side not in found]
-        if not open_sides:
+        wanted = [side for side in _open_sides(tried) if not _in_vain(best.setdefault(side, []), tried[-1], side)]
+        if not wanted:
             break
-        starts = np.vstack([_closest(tried, side) for side in open_sides])
+        starts = np.vstack([_closest(tried, side) for side in wanted])
         candidates = nearby(function, starts.repeat(NEIGHBOURS, axis=0), fresh, rng)
     return _chosen(tried[1:], met, len(function.inputs))
+
+
+def _in_vain(distances: list[float], last: Known, side: Side) -> bool:
+    """Whether the last PATIENCE waves came no nearer: most such sides are guards against what never happens."""
+    before = min(distances[:-PATIENCE], default=np.inf)
+    distances.append(float(last.distance(side).min()))
+    return len(distances) > PATIENCE and min(distances[-PATIENCE:]) > 0.7 * before
+
+
+def _open_sides(tried: list[Known]) -> list[Side]:
+    """Those that no row meets, first of comparisons that were only come to behind another."""
+    found = set().union(*(known.met() for known in tried))
+    sites = dict.fromkeys(site for known in reversed(tried) for site in known.margins)
+    behind = sorted(sites, key=lambda site: site in tried[0].margins)
+    return [(site, side) for site in behind for side in (BELOW, ABOVE) if (site, side) not in found][:MOST_SIDES]
 
 
 def _solved(function: Function, table: Known, fresh: np.ndarray, met: set[Side]) -> Iterator[np.ndarray]:

@@ -219,7 +219,7 @@ def of_members(function: Function, members: list[slice], truth: np.ndarray) -> I
                 "{} with its first and second exchanged": [1, 0, 2], "{} with its second and third exchanged": [0, 2, 1],
             }.items():  # fmt: skip
                 yield words.format(mine), _with(truth, (one, truth[:, one][:, order])), 1
-            for words, reduced in (("the mean", np.mean), ("the largest", np.max)):
+            for words, reduced in (("the mean", np.mean), ("the largest", np.max), ("the sum", np.sum)):
                 same = reduced(truth[:, one], axis=1, keepdims=True) + np.zeros(3)
                 yield f"{words} of the channels of {mine} for all", _with(truth, (one, same)), 1
         for other in members[k + 1 :]:

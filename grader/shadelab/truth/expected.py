@@ -84,8 +84,9 @@ TABLE = ("rows", "truth", "conditioning", "scenes")
 class Facts:
     calls: dict[str, list[str]]  # function -> those of the assignment that it calls, directly or through others
     loops: list[str]  # the shading loops that the scenes need
-    # function -> backend -> program -> its largest scaled error: what correct programs differ by
+    # function -> backend -> program -> its scaled error: what correct programs differ by, but for single rows
     spread: dict[str, dict[str, dict[str, float]]]
+    farthest: dict[str, dict[str, dict[str, float]]]  # as spread: what each differs by on its worst row
     mistakes: list[dict[str, str]]  # id, function and hint of each
     gl: str  # the driver that the spread was measured with
     changes: dict[str, list[str]]  # function -> the inputs that its result changes with
@@ -149,9 +150,10 @@ class Expected:
         """What the driver's own functions may be off; the compiler's library is exact beside that."""
         return max(self.facts.driver.values()) if backend == "glsl" else 0.0
 
-    def floor(self, function: Function, backend: str) -> float:
-        """The largest scaled error of a correct program (measures.py says what is done with it)."""
-        return max(self.facts.spread[function.name][backend].values())
+    def floor(self, function: Function, backend: str, strays: bool = False) -> float:
+        """The largest scaled error of a correct program (measures.py says what is done with it). strays: on single rows, too."""
+        errors = self.facts.farthest if strays else self.facts.spread
+        return max(errors[function.name][backend].values())
 
     def scene(self, scene: Scene) -> "SceneTruth":
         return SceneTruth.load(self.folder / f"{scene.name}.npz")

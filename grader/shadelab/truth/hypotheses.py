@@ -27,7 +27,7 @@ NARROW, KEPT = 1500, 512
 # Two that differ by less are one: the sentence of the first is told.
 SAME = 1e-5
 LONG = 12  # words
-BODIES = 3  # of a function: its own and its first variants', of which mutants are bred
+BODIES = 5  # of a function: its own and its first variants', of which mutants are bred
 ROWS_AT_ONCE = 200_000
 
 

@@ -103,7 +103,16 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
         finish_scene(workshop, scene, truths[scene.name], double, drawn)
     hints = [{"id": m.id, "function": m.function, "hint": m.hint} for m in changes.mistake]
     facts = Facts(
-        calls, list(loops), spread.errors, hints, spread.gl, on_what(workshop, tables), recorded, cases, driver
+        calls,
+        list(loops),
+        spread.errors,
+        spread.farthest,
+        hints,
+        spread.gl,
+        on_what(workshop, tables),
+        recorded,
+        cases,
+        driver,
     )
     (folder / "facts.json").write_text(json.dumps(asdict(facts), indent=1))
     arrays = {"drawn": np.array(next(iter(tables.values())).drawn)}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shadelab.course.assignment import Assignment, Scene
+from shadelab.course.assignment import Assignment, Function, Scene
 from shadelab.course.mistakes import Change, Changes
 from shadelab.errors import UserError
 from shadelab.evidence.tasks import Draw, Evaluate, Output
@@ -14,21 +14,29 @@ from shadelab.machine.build import Recipe
 from shadelab.paths import shown
 from shadelab.result import FRAMES
 from shadelab.truth.expected import Table, with_callers
-from shadelab.truth.measures import function_members, largest_error
+from shadelab.truth.measures import function_members, row_errors, spread_of
+from shadelab.truth.tables import exact_rows
 from shadelab.truth.workshop import PLAIN, Workshop
 from shadelab.words import BACKENDS
 
 
 @dataclass
 class Spread:
-    """What correct programs differ by, gathered while they run: function -> backend -> program -> its largest scaled error."""
+    """What correct programs differ by, gathered while they run: function -> backend -> program -> its scaled error, but for
+    single rows, and that of its worst row."""
 
     errors: dict[str, dict[str, dict[str, float]]]
+    farthest: dict[str, dict[str, dict[str, float]]]
     gl: str = "none"  # the driver
 
     @classmethod
     def of(cls, assignment: Assignment) -> "Spread":
-        return cls({f.name: {backend: {} for backend in BACKENDS} for f in assignment.functions})
+        return cls(*({f.name: {backend: {} for backend in BACKENDS} for f in assignment.functions} for _ in range(2)))
+
+    def add(self, function: Function, backend: str, program: str, errors: np.ndarray, exact: np.ndarray) -> None:
+        """errors, exact: (N,)"""
+        self.errors[function.name][backend][program] = spread_of(errors, exact)
+        self.farthest[function.name][backend][program] = float(errors.max())
 
 
 @dataclass
@@ -78,13 +86,15 @@ def run_program(
         functions = workshop.assignment.functions
         outputs = workshop.outputs(runner, [Evaluate(f, tables[f.name].rows) for f in functions], program.name)
         for function, output in zip(functions, outputs):
-            error, row = largest_error(output.array, tables[function.name], function_members(function))
-            if not np.isfinite(error):
-                where = dict(zip(map(str, function.inputs), tables[function.name].rows[row]))
+            table = tables[function.name]
+            errors = row_errors(output.array, table, function_members(function))
+            if not np.isfinite(errors).all():
+                where = dict(zip(map(str, function.inputs), table.rows[np.argmax(errors)]))
                 raise UserError(
                     f"{shown(workshop.assignment.directory)}: {program.name}: {function.name} is not finite at {where}"
                 )
-            spread.errors[function.name][program.backend][program.name] = error
+            exact = exact_rows(function, table.drawn, table.rows)
+            spread.add(function, program.backend, program.name, errors, exact)
         spread.gl = getattr(runner, "gl", spread.gl)
         if cpp and not quick:
             runner = workshop.cpp(folder, Recipe(functions=False, loops=loops, contract=program.fused), program.name)

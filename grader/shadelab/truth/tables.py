@@ -21,6 +21,7 @@ NEAREST_PEAK = 1e-4
 GATE_STRIDE = 16
 PLACE_STRIDE, PLACE_ROW, BESIDE_ROW = 64, 13, 29  # rows on which no gate stands
 NEAREST_PLACE = 1e-2
+NEAREST_MOVE = 1e-5
 SOME = 128  # rows on which it is asked what a result changes with
 JITTERS = 8
 
@@ -249,7 +250,7 @@ def nearby(function: Function, rows: np.ndarray, others: np.ndarray, rng: np.ran
 
 
 def _moved(domain: Domain, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    far = log_distances(len(values), NEAREST_PEAK, rng)
+    far = log_distances(len(values), NEAREST_MOVE, rng)
     if domain.kind in ("unit", "upper"):
         return unit_vectors(rotated(values, np.pi * far, rng))
     way = rng.uniform(-1, 1, size=values.shape) * far[:, None]
@@ -301,3 +302,16 @@ def on_gate(function: Function, drawn: int, rows: int) -> np.ndarray:
     is no excuse there."""
     row = np.arange(rows)
     return (row % GATE_STRIDE < len(function.gates)) & (row < drawn)
+
+
+def axis_aligned(function: Function, rows: np.ndarray) -> np.ndarray:
+    """(N,) bool: the rows of which all directions are axes, so that their dot products are exact in every arithmetic."""
+    directions = [k for k, column in enumerate(function.inputs) if column.domain.kind in ("unit", "upper")]
+    if not directions:
+        return np.zeros(len(rows), bool)
+    return np.isin(rows[:, directions], (-1.0, 0.0, 1.0)).all(axis=1)
+
+
+def exact_rows(function: Function, drawn: int, rows: np.ndarray) -> np.ndarray:
+    """(N,) bool: those of a table whose inputs hold no rounding."""
+    return on_gate(function, drawn, len(rows)) | axis_aligned(function, rows)
