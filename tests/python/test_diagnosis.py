@@ -50,7 +50,7 @@ def found(actual, *known):
         error=Error(name="scaled", value=1, limit=LIMIT),
     )
     judgement = FunctionJudgement(check=check, table=TABLE, followed=False, wrong=wrong, error=wrong * 1.0)
-    patient = Patient(FUNCTION, judgement, actual, list(known), [])
+    patient = Patient(FUNCTION, judgement, actual, list(known), [], {})
     return diagnose_declared(patient) or diagnose_by_search(patient)
 
 

@@ -37,7 +37,7 @@ def searched(function, truth, came, rows, changed=()):
     table = Table(rows, truth, np.zeros_like(truth), len(rows))
     judgement = judge_function(function, "cpp", 1.0, table, 0.0, came)
     assert judgement.check.status == "failed"
-    return judgement, diagnose_by_search(Patient(function, judgement, came, [], list(changed)))
+    return judgement, diagnose_by_search(Patient(function, judgement, came, [], list(changed), {}))
 
 
 def told(change):
@@ -150,7 +150,7 @@ def test_every_sentence_about_a_declared_mistake_is_true(name):
         came = expected.mistakes[f"{mistake['id']}/cpp/{function.name}"]
         judgement = judge_function(function, "cpp", 1.0, table, floor, came)
         known, changed = candidates(expected, function, "cpp"), hypotheses(expected, function)
-        found = diagnose_declared(Patient(function, judgement, came, known, changed))
+        found = diagnose_declared(Patient(function, judgement, came, known, changed, {}))
         assert mistake["id"] in (found.mistake.id, *found.mistake.alike)
         message = judgement.check.message
         share = re.match(r"wrong for (nearly all|all|[\d.e+-]+ %) of the inputs", message)

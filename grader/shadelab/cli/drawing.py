@@ -154,7 +154,9 @@ def _render_cpp(
     sandbox = Sandbox(work, SHOWN)
     described = renderer.describe(scene, declared.directory, view)
     loops = None if view.full else tuple(described.needs.loops)
-    runner = CppRunner(declared, sandbox, Recipe(double, functions=view.full, loops=loops, terms=described.needs.terms))
+    runner = CppRunner(
+        declared, sandbox, Recipe(double, functions=view.full, loops=loops, terms=described.needs.terms), complete=True
+    )
     seconds = _student_build(runner, folder)
     drawn = work / "drawn"  # with --layers there are several files
     drawn.mkdir()
@@ -302,7 +304,9 @@ def evaluate(
     with work_folder("eval") as work:
         sandbox = Sandbox(work, SHOWN)
         recipe = Recipe(double, loops=())
-        runner = CppRunner(declared, sandbox, recipe) if backend == "cpp" else GlslRunner(declared, sandbox)
+        runner = (
+            CppRunner(declared, sandbox, recipe, complete=True) if backend == "cpp" else GlslRunner(declared, sandbox)
+        )
         _student_build(runner, directory)
         [(_, result)] = runner.run([Evaluate(wanted, rows)])
     if runner.warnings:

@@ -58,6 +58,17 @@ class Mutant:
 
 
 @dataclass(frozen=True)
+class Probe:
+    """A body that gives an inner quantity in the place of the result: what a local or a called function stands for."""
+
+    words: str  # "n.l", "fresnel_schlick", "t"
+    function: str
+    body: str
+    moved: str  # the same with 1 added: where both give the same, the quantity was not come to
+    width: int  # 1 or 3, the first columns of what it gives
+
+
+@dataclass(frozen=True)
 class _Change:
     what: str
     start: int
@@ -75,6 +86,7 @@ class Scope:
     types: dict[str, str]  # of arguments; of locals once they are declared
     members: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # struct -> member -> type
     functions: Mapping[str, Function] = field(default_factory=dict)  # those that it may call
+    colours: frozenset[str] = frozenset()  # arguments, and members of them, that are one
     contract: str = ""  # the comment above the function: the names that it uses are everybody's
 
     @classmethod
@@ -88,7 +100,8 @@ class Scope:
                 break
             before.append(one)
         above = re.search(rf"((?://.*\n)+)\w+ {function.name}\(", text)
-        return cls(types, members, {f.name: f for f in before}, above[1] if above else "")
+        colours = frozenset(c.path for c in function.inputs if c.width == 3 and c.domain.kind == "rgb")
+        return cls(types, members, {f.name: f for f in before}, colours, above[1] if above else "")
 
 
 def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant]:
@@ -107,6 +120,11 @@ def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant
         numbered = name + (f" ({seen[name]})" if seen[name] > 1 else "")
         out.append(Mutant(numbered, function, changed, change.words, change.slip))
     return out
+
+
+def probes(function: Function, body: str, scope: Scope) -> list[Probe]:
+    """Of what has words."""
+    return list(_Breeder(body, scope).probes(function))
 
 
 class _Breeder:
@@ -134,6 +152,42 @@ class _Breeder:
                     if statement.expressions:
                         self.meanings[statement.name] = statement.expressions[0]
 
+    def probes(self, function: Function) -> Iterator[Probe]:
+        seen: set[str] = set()
+        for statement in self.statements:
+            values = statement.expressions[1:] if statement.kind == "assign" else statement.expressions
+            if statement.kind in ("declare", "assign", "return"):
+                for node in (n for value in values for n in value.all()):
+                    if node.kind == "call" and node.name in self.scope.functions and node.name not in seen:
+                        seen.add(node.name)
+                        yield from self._probe(function, node.name, self._text(node), self._type(node), statement.start)
+            if statement.kind == "declare":
+                self.types[statement.name] = statement.type
+                if statement.expressions:
+                    self.meanings[statement.name] = statement.expressions[0]
+                words = self._words(Node("name", 0, 0, statement.name))
+                if words and words not in seen and not _is_number(words):
+                    seen.add(words)
+                    yield from self._probe(function, words, statement.name, statement.type, statement.end)
+
+    def _probe(self, function: Function, words: str, value: str, type: str, at: int) -> Iterator[Probe]:
+        texts = [self._as(function.returns, text, type) for text in (value, f"({value} + 1.0)")]
+        if all(texts):
+            bodies = [f"{self.body[:at]}\nreturn {text};" for text in texts]
+            yield Probe(words, function.name, *bodies, 3 if type == "vec3" else 1)
+
+    def _as(self, returns: str, value: str, type: str) -> str:
+        """A quantity as a function's result; empty where it does not fit into one."""
+        if type not in ("Real", "vec3"):
+            return ""
+        if returns == "Real":
+            return value if type == "Real" else ""
+        if returns == "vec3":
+            return value if type == "vec3" else f"vec3({value})"
+        first, *others = self.scope.members.get(returns, {}).values()
+        zeros = [{"Real": "0.0", "vec3": "vec3(0.0)"}.get(other, "") for other in others]
+        return f"{returns}({', '.join([self._as(first, value, type), *zeros])})" if all(zeros) else ""
+
     # --- words ---
 
     def _words(self, node: Node) -> str:
@@ -145,7 +199,7 @@ class _Breeder:
                 return node.name
             meaning = self.meanings.get(node.name)
             words = self._words(meaning) if meaning else ""
-            known = len(node.name) > 1 and re.search(rf"\b{node.name}\b", self.scope.contract)
+            known = node.name not in ("a", "I") and re.search(rf"\b{node.name}\b", self.scope.contract)
             return words or (node.name if known else "")
         if node.kind == "member":
             of = self._words(node.parts[0])
@@ -174,6 +228,8 @@ class _Breeder:
         arguments = [self._words(part) for part in node.parts]
         if node.name == "dot" and len(arguments) == 2 and all(arguments):
             return _dot(*arguments)
+        if node.name.startswith("vec") and len(arguments) == 1 and _is_number(arguments[0]):
+            return arguments[0]
         if node.name in ("max", "clamp") and arguments and arguments[0]:
             return f"{arguments[0]} clamped"
         if node.name in self.scope.functions:
@@ -221,6 +277,12 @@ class _Breeder:
             )
         if s.kind == "assign" and s.name != "=":
             value = self._words(s.expressions[1])
+            for new, said in {"*=": [("+=", "added")], "+=": [("*=", "multiplied")]}.get(s.name, ()):
+                at = self.body.index(s.name, s.expressions[0].end)
+                words = (
+                    f"with {value} {said} where it is to be {'multiplied' if new == '+=' else 'added'}" if value else ""
+                )
+                yield _Change(f"{new} for {s.name}", at, at + 2, new, s.start, words, slip=True)
             verb = {"*=": "without the factor", "/=": "without the division by"}.get(s.name, "without the term")
             yield _Change(
                 "assignment dropped", s.start, s.end, "", s.start, f"{verb} {value}" if value else "", slip=True
@@ -236,6 +298,7 @@ class _Breeder:
 
     def _of_expression(self, root: Node) -> Iterator[_Change]:
         yield from self._throughout(root)
+        self.divisors = {id(n) for q in root.all() if q.kind == "binary" and q.name == "/" for n in q.parts[1].all()}
         parents = {id(part): node for node in root.all() for part in node.parts}
         for node in root.all():
             yield from getattr(self, f"_of_{node.kind}", lambda *_: ())(node, parents.get(id(node)))
@@ -330,16 +393,13 @@ class _Breeder:
                 yield self._slip(f"term {k + 1} twice", node, f"({new})", f"with {word} counted twice" if word else "")
         if node.name == "*":
             for k, word in enumerate(words):
+                below = id(node) in self.divisors
                 if self._type(node.parts[1 - k]) == self._type(node) or self._type(node) == "Real":
-                    yield self._slip(
-                        f"factor {k + 1} left out", node, texts[1 - k], f"without the factor {word}" if word else ""
-                    )
-                yield self._slip(
-                    f"factor {k + 1} twice",
-                    node,
-                    f"({texts[k]}) * {self._text(node)}",
-                    f"with the factor {word} squared" if word else "",
-                )
+                    said = f"without the {'division by' if below else 'factor'} {word}" if word else ""
+                    yield self._slip(f"factor {k + 1} left out", node, texts[1 - k], said)
+                said = f"with the {'divisor' if below else 'factor'} {word} squared" if word else ""
+                yield self._slip(f"factor {k + 1} twice", node, f"({texts[k]}) * {self._text(node)}", said)
+        yield from self._other_operations(node, texts, words)
         if node.name == "/":
             yield self._slip(
                 "divisor left out", node, texts[0], f"without the division by {words[1]}" if words[1] else ""
@@ -374,6 +434,46 @@ class _Breeder:
                     "with a pair of brackets left out",
                     True,
                 )
+
+    def _other_operations(self, node: Node, texts: list[str], words: list[str]) -> Iterator[_Change]:
+        """A sum for a product, the larger for a sum; two factors of a quotient exchanged."""
+        both = f"{words[0]} and {words[1]}" if all(words) else "two"
+        if node.name in ("+", "*"):
+            new, said = ("*", "the product") if node.name == "+" else ("+", "the sum")
+            mine = {"+": "their sum", "*": "their product"}[node.name]
+            yield self._slip(
+                f"{new} for {node.name}",
+                node,
+                f"(({texts[0]}) {new} ({texts[1]}))",
+                f"with {said} of {both} in the place of {mine}",
+            )
+        if node.name == "+":
+            for extreme, said in (("max", "the larger"), ("min", "the smaller")):
+                yield self._slip(
+                    f"{extreme} for +",
+                    node,
+                    f"{extreme}({texts[0]}, {texts[1]})",
+                    f"with {said} of {both} in the place of their sum",
+                )
+        if node.name == "/":
+            for one in self._factors(node.parts[0]):
+                for other in self._factors(node.parts[1]):
+                    mine, theirs = self._words(one), self._words(other)
+                    if mine and theirs and mine != theirs and not _is_number(mine) and not _is_number(theirs):
+                        new = self._exchanged(node, one, other)
+                        yield self._slip("factors exchanged", node, new, f"with {mine} and {theirs} exchanged")
+
+    def _factors(self, node: Node) -> list[Node]:
+        if node.kind == "bracket":
+            return self._factors(node.parts[0])
+        if node.kind == "binary" and node.name == "*":
+            return [*self._factors(node.parts[0]), *self._factors(node.parts[1])]
+        return [node]
+
+    def _exchanged(self, root: Node, one: Node, other: Node) -> str:
+        """The text of `root` with two of its nodes in one another's place; `one` comes first."""
+        parts = [self.body[root.start : one.start], self._text(other), self.body[one.end : other.start]]
+        return "".join([*parts, self._text(one), self.body[other.end : root.end]])
 
     def _swapped(self, node: Node, new: str) -> str:
         left, right = (self._words(part) for part in node.parts)
@@ -431,6 +531,7 @@ class _Breeder:
                     base, words = self._text(node.parts[0]), self._words(node.parts[0])
                     said = f"with {words}.{letter} in the place of {words}.{node.name}" if words else ""
                     yield self._slip(f"{letter} for {node.name}", node, f"{base}.{letter}", said)
+        yield from self._one_channel(node, self._words(node))
         yield from self._powers(node, parent)
 
     def _replaced(self, node: Node, parent: Node | None) -> Iterator[_Change]:
@@ -440,9 +541,15 @@ class _Breeder:
             if name != node.name and other == type and type:
                 theirs = name if "." in name else self._words(Node("name", 0, 0, name))
                 yield self._slip(f"{name} for {node.name}", node, name, self._place(node, parent, mine, theirs))
+        yield from self._one_channel(node, mine)
         if type == "vec3" and node.name in self.scope.types:
             yield self._slip(f"-{node.name}", node, f"(-{node.name})", self._place(node, parent, mine, f"-{mine}"))
         yield from self._powers(node, parent)
+
+    def _one_channel(self, node: Node, mine: str) -> Iterator[_Change]:
+        for k, which in enumerate(("first", "second", "third") if mine in self.scope.colours else ()):
+            said = f"with the {which} channel of {mine} for all in one place"
+            yield self._slip(f"{which} channel", node, f"vec3({self._text(node)}.{'xyz'[k]})", said)
 
     def _members(self) -> list[tuple[str, str]]:
         """Those of arguments that are structs."""
@@ -474,7 +581,8 @@ class _Breeder:
         return f"with {theirs} in the place of {mine}"
 
     def _powers(self, node: Node, parent: Node | None) -> Iterator[_Change]:
-        if self._type(node) == "Real":
+        asked = parent is not None and parent.name in ("<", "<=", ">", ">=", "==", "!=")
+        if self._type(node) == "Real" and not asked:
             mine, text = self._meaning(node, parent), self._text(node)
             yield self._slip("squared", node, f"({text} * {text})", f"with {mine} squared" if mine else "")
             yield self._slip("its root", node, f"sqrt({text})", f"with the square root of {mine}" if mine else "")
@@ -535,6 +643,9 @@ class _Breeder:
 
     def _instead(self, node: Node, number: int, words: list[str]) -> str:
         """Without this call."""
+        called = self.scope.functions.get(node.name)
+        if called and words[number] and self._type(node.parts[number]) == called.returns:
+            return f"with {words[number]} in the place of {called.name}"
         if number == 0 and node.name in ("max", "clamp"):
             return f"without the clamp of {words[0]}" if words[0] else "without a clamp"
         if number == 0 and node.name in ("normalize", "sqrt", "abs", "floor"):
@@ -610,6 +721,13 @@ class _Breeder:
                 a, b = (self._text(part) for part in base.parts)
                 said = f"with the power taken of {self._words(base.parts[1]) or 'one term'} alone"
                 yield self._slip("power of one term", node, f"({a} {base.name} pow({b}, {texts[1]}))", said)
+        if node.name in ("min", "max") and len(texts) == 2 and not any(_is_number(word) for word in words):
+            which = "smaller" if node.name == "min" else "larger"
+            for new, said in (("+", "the sum"), ("*", "the product")):
+                yield self._slip(
+                    f"{new} for {node.name}", node, f"(({texts[0]}) {new} ({texts[1]}))", f"with {said} of two in the place of the {which}"
+                )  # fmt: skip
+        yield from self._distances(node, texts, words)
         if node.name == "normalize":
             return
         called = self.scope.functions.get(node.name)
@@ -621,12 +739,10 @@ class _Breeder:
                     and other.returns == called.returns
                     and [v.domain.type for v in other.values] == signature
                 ):
-                    yield self._slip(
-                        f"{name} for {node.name}",
-                        node,
-                        f"{name}({', '.join(texts)})",
-                        f"with {name} in the place of {node.name}",
-                    )
+                    call = f"{name}({', '.join(texts)})"
+                    yield self._slip(f"{name} for {node.name}", node, call, f"with {name} in the place of {node.name}")
+                    both = f"({self._text(node)} + {call})"
+                    yield self._slip(f"{name} added", node, both, f"with {name} added to {node.name}")
             if called.returns == "Real":
                 for value in ("1.0", "0.0"):
                     yield self._slip(
@@ -638,12 +754,28 @@ class _Breeder:
                         f"{value} for {node.name}", node, f"vec3({value})", f"as if {node.name} were {float(value):g}"
                     )
 
+    def _distances(self, node: Node, texts: list[str], words: list[str]) -> Iterator[_Change]:
+        """Other lengths than the one that is asked for."""
+        if node.name not in ("length", "distance"):
+            return
+        apart = f"(({texts[0]}) - ({texts[1]}))" if node.name == "distance" else f"({texts[0]})"
+        yield self._slip("squared length", node, f"dot({apart}, {apart})", "with the square of a distance in its place")
+        sum_of = "with the sum of the absolute components in the place of a distance"
+        yield self._slip("taxicab", node, f"dot(abs({apart}), vec3(1.0))", sum_of)
+        largest = f"max(max(abs({apart}.x), abs({apart}.y)), abs({apart}.z))"
+        yield self._slip("largest component", node, largest, "with the largest component in the place of a distance")
+        for text, word in zip(texts, words) if node.name == "distance" else ():
+            said = f"with the distance of {word} from the origin" if word else ""
+            yield self._slip("from the origin", node, f"length({text})", said)
+
     def _slip(self, what: str, node: Node, new: str, words: str) -> _Change:
         return _Change(what, node.start, node.end, new, node.start, words, slip=True)
 
 
 def _dot(a: str, b: str) -> str:
     """As the contracts write it: n.l."""
+    if b in ("n", "-n") and a != "n":
+        a, b = b, a
     simple = all(re.fullmatch(r"[a-z]", word) for word in (a, b))
     return f"{a}.{b}" if simple else f"dot({a}, {b})"
 

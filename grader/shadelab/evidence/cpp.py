@@ -31,24 +31,29 @@ from shadelab.machine.command import Command
 from shadelab.machine.sandbox import Limits, Outcome, Sandbox
 from shadelab.words import decoded, listed
 
+_whole = Recipe()
+
 
 class CppRunner:
     backend = "cpp"
 
-    def __init__(self, assignment: Assignment, sandbox: Sandbox, recipe: Recipe = Recipe()) -> None:  # noqa: B008
-        self.assignment, self.sandbox, self.recipe = assignment, sandbox, recipe
+    def __init__(
+        self, assignment: Assignment, sandbox: Sandbox, recipe: Recipe = _whole, complete: bool = False
+    ) -> None:
+        """complete: what does not need the functions that a file lacks can be asked all the same; of students' code."""
+        self.assignment, self.sandbox, self.recipe, self.complete = assignment, sandbox, recipe, complete
         self.plugin: Plugin | None = None
         self.environment: dict[str, str] = {}  # of what is evaluated
         self.warnings = ""  # of the compiler, about the student's lines
         self._missing: dict[str, str] = {}  # functions that the file lacks, and what is said of each
 
-    def build(self, folder: Path, complete: bool = False) -> None:
-        """complete: what does not need the functions that the file lacks can be asked all the same. Raises BuildError."""
+    def build(self, folder: Path) -> None:
+        """Raises BuildError."""
         source = folder / "shading.cpp"
         try:
             self.plugin = build_plugin(self.assignment.glue, source, self.sandbox, self.recipe)
         except CompileError as error:
-            if not (complete and self._build_without(source)):
+            if not (self.complete and self._build_without(source)):
                 said = readable_errors(error.stderr, self.assignment) or f"the compiler {error.ending}"
                 raise BuildError(said) from None
         self.warnings = "\n".join([*self._missing.values(), readable_warnings(self.plugin.said)]).strip()

@@ -52,7 +52,8 @@ class Programs:
     def _runner(self, program: Program) -> CppRunner | BuildError:
         if program not in self.runners:
             sandbox = Sandbox(self.folder / f"program-{len(self.runners)}", stop=self.stop)
-            runner, source = CppRunner(self.assignment, sandbox, program.recipe), self.submission
+            ours, source = program.text is not None, self.submission
+            runner = CppRunner(self.assignment, sandbox, program.recipe, complete=not ours)
             runner.environment = dict(program.environment)
             if program.text is not None:
                 source = sandbox.folder / "source"
@@ -63,7 +64,7 @@ class Programs:
                 source.mkdir(exist_ok=True)
                 (source / "shading.cpp").write_text(as_cpp((self.submission / "shading.glsl").read_bytes()))
             try:
-                runner.build(source, complete=program.text is None)
+                runner.build(source)
                 self.runners[program] = runner
             except BuildError as error:
                 if program.text is not None:

@@ -37,8 +37,8 @@ class Student:
             self.runner = self.drawer = GlslRunner(assignment, sandbox)
         else:
             loops = tuple(ledger.expected.facts.loops)
-            self.runner = CppRunner(assignment, sandbox, FUNCTIONS)
-            self.drawer = CppRunner(assignment, sandbox, Recipe(functions=False, loops=loops))
+            self.runner = CppRunner(assignment, sandbox, FUNCTIONS, complete=True)
+            self.drawer = CppRunner(assignment, sandbox, Recipe(functions=False, loops=loops), complete=True)
 
     def build(self, then: list[Task], draws: bool) -> Built:
         """Raises BuildError. In C++ two plugins at once: the functions alone, which is quick, and the loops that the scenes
@@ -48,7 +48,7 @@ class Student:
             return Built(warnings=self.runner.warnings)
         with ThreadPoolExecutor(2) as pool:
             wanted = [self.runner, self.drawer] if draws else [self.runner]
-            for build in [pool.submit(runner.build, self.submission, complete=True) for runner in wanted]:
+            for build in [pool.submit(runner.build, self.submission) for runner in wanted]:
                 build.result()
         return Built(warnings=self.runner.warnings)
 

@@ -271,7 +271,9 @@ class Language:
         self.refused = files[f"shading.{backend}"]
         sandbox = Sandbox(work / backend)
         if backend == "cpp":  # one plugin for both, the functions and the picture
-            self.runner = CppRunner(out.assignment, sandbox, Recipe(loops=tuple(draw.scene.described.needs.loops)))
+            self.runner = CppRunner(
+                out.assignment, sandbox, Recipe(loops=tuple(draw.scene.described.needs.loops)), complete=True
+            )
         else:
             self.runner = GlslRunner(out.assignment, sandbox)
         self.built, self.image = False, None

@@ -114,8 +114,8 @@ def measure(assignment: Assignment, submission: Path, progress: Callable[[str, i
         for refusal in filter(None, files.values()):
             raise UserError(refusal)
         runners = {
-            "cpp": CppRunner(assignment, Sandbox(folder / "cpp"), FUNCTIONS),
-            "double": CppRunner(assignment, Sandbox(folder / "double"), DOUBLE),
+            "cpp": CppRunner(assignment, Sandbox(folder / "cpp"), FUNCTIONS, complete=True),
+            "double": CppRunner(assignment, Sandbox(folder / "double"), DOUBLE, complete=True),
             "glsl": GlslRunner(assignment, Sandbox(folder / "glsl")),
         }
         done = 0

@@ -21,6 +21,8 @@ from shadelab.judge.relations import (
     Explanation,
     of_curve,
     of_directions,
+    of_factors,
+    of_inner,
     of_members,
     of_quantities,
     of_result,
@@ -35,10 +37,11 @@ from shadelab.truth.measures import function_members
 PART = 0.05
 SEVERAL = 3
 UNDECLARED = "undeclared"  # id of a mistake that was found by searching
+NOT_ALL = 0.02  # a declared mistake that leaves more of what is wrong may be another one
 VAGUE = 5  # how plain an explanation is not: see Explanation
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
 MOSTLY = (
-    0.5  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
+    0.8  # of the rows on which a hypothesis differs from the truth, the share that it must explain to be one of several
 )
 HALF = 0.5  # where more is wrong than that, a condition alone explains nothing
 SAMPLE = 300  # rows of each kind on which relations are looked for
@@ -51,7 +54,13 @@ class Diagnosis:
     function: str
     said: str = ""  # for the message, beside the hint: what the search found
     others: list[str] = field(default_factory=list)  # further mistakes in the same function, as hints
-    vague: bool = False  # a curve, or a place alone: something plainer is told before it
+    plain: int = 0  # how far from plain: see Explanation
+    unexplained: float = 0.0  # the share of what is wrong that it leaves
+
+    @property
+    def vague(self) -> bool:
+        """A curve, or a place alone: something plainer is told before it."""
+        return self.plain >= VAGUE
 
 
 def candidates(expected: Expected, function: Function, backend: str) -> list[Candidate]:
@@ -81,6 +90,7 @@ class Patient:
     actual: np.ndarray  # (N, results)
     declared: list[Candidate]
     changed: list[Candidate]  # hypotheses; none with follow-through, where the reference is another
+    inner: dict[str, np.ndarray]  # quantities that the reference computes on its way, likewise
     right: frozenset[str] = (
         frozenset()
     )  # functions whose own check passed: they explain nothing, but what does over again what they do
@@ -102,8 +112,15 @@ class Patient:
 def diagnose_declared(patient: Patient) -> Diagnosis | None:
     """The declared mistake that it makes."""
     found = _declared(patient, [c for c in patient.declared if c.function not in patient.right])
-    if found is not None and found.function == patient.function.name:
-        found.said = _Search(patient).equal_to(found.mistake.id)
+    if found is None:
+        return None
+    search = _Search(patient)
+    if found.unexplained > NOT_ALL:  # much like it, and perhaps something else
+        other = search.whole()
+        if other is not None and MARGIN * max(other.unexplained, NOT_ALL / MARGIN) < found.unexplained:
+            return other
+    if found.function == patient.function.name:
+        found.said = search.equal_to(found.mistake.id)
     return found
 
 
@@ -115,9 +132,12 @@ def diagnose_by_search(patient: Patient) -> Diagnosis | None:
     whole = search.whole()
     if whole is not None and whole.vague and (parts := search.several()) and not parts.vague:
         return parts
+    members = search.by_members() if whole is None or whole.plain else None
+    if whole is not None and members is not None and members.plain < whole.plain:
+        return members
     return (
         whole
-        or search.by_members()
+        or members
         or _declared(patient, own, pairs=True)
         or search.several()
         # This one does by itself, and wrongly, what a function that is right is there for.
@@ -143,7 +163,7 @@ def _declared(patient: Patient, known: list[Candidate], pairs: bool = False) -> 
     if left[first.id] <= UNEXPLAINED * of_truth and margin >= MARGIN:
         hint = " Or: ".join(dict.fromkeys(c.hint for c in [first, *alike]))
         named = Mistake(id=first.id, hint=hint, margin=round(margin, 2), alike=[c.id for c in alike])
-        return Diagnosis(named, first.function)
+        return Diagnosis(named, first.function, unexplained=left[first.id] / max(of_truth, 1))
     return _pair(known, explained, wrong, left[first.id], patient.function.name) if pairs else None
 
 
@@ -183,7 +203,7 @@ class _Search:
     def __init__(self, patient: Patient) -> None:
         self.function, self.judgement, self.actual = patient.function, patient.judgement, patient.actual
         self.limit, self.members, self.declared = patient.limit, patient.members, patient.declared
-        self.wrong = patient.judgement.wrong
+        self.wrong, self.inner, self.right = patient.judgement.wrong, patient.inner, patient.right
         # A function that is right is not blamed; what the judged one does over again in its place may be wrong all the same.
         self.changed = sorted(
             patient.changed, key=lambda c: (c.function != patient.function.name, c.function in patient.right)
@@ -212,7 +232,7 @@ class _Search:
         if not parts:
             return None
         told = [self._told(subject, [part]) for subject, part in parts]
-        told[0].others = [d.mistake.hint for d in told[1:]]
+        told[0].others, told[0].plain = [d.mistake.hint for d in told[1:]], max(d.plain for d in told)
         return told[0]
 
     def several(self) -> Diagnosis | None:
@@ -238,8 +258,8 @@ class _Search:
         mistake = Mistake(
             id=UNDECLARED, hint=_sentence(subject, first.words), margin=round(min(p.margin for p in parts), 2)
         )
-        vague = any(p.plain >= VAGUE for p in parts)
-        return Diagnosis(mistake, where, others=[_sentence(subject, p.words) for p in others], vague=vague)
+        further = [_sentence(subject, p.words) for p in others]
+        return Diagnosis(mistake, where, "", further, max(p.plain for p in parts), max(p.share for p in parts))
 
     # --- how it is found ---
 
@@ -262,6 +282,9 @@ class _Search:
                 if not here and not found:
                     here = _accepted(_with_something(compared, self.changed, values), compared)
                 found += here
+        for e in found:
+            if e.candidate is not None and e.candidate.function in self.right:
+                e.plain += 1  # a function that is right is not at fault: what it does may be done over again
         return _plainest(found)
 
     def _sample(self, wrong: np.ndarray) -> np.ndarray:
@@ -291,6 +314,8 @@ class _Search:
         for words, values, plain in of_quantities(compared):
             said = words.removeprefix("ONLY ") if words.startswith("ONLY ") else f"what is expected {words}"
             yield _explanation(compared, said.replace(" ,", ","), values, plain)
+        for words, values, plain in of_inner(compared):
+            yield _explanation(compared, words, values, plain)
         for words, values, plain in of_sums(compared):
             yield _explanation(compared, words, values, plain)
         for words, values, plain in of_curve(compared) if len(compared.members) == 1 else ():
@@ -319,7 +344,7 @@ class _Search:
         rows, everywhere = np.flatnonzero(left), self._compared(members, self.everything)
         offers = []
         for c in self.changed:
-            if c.everywhere and len(c.rows) >= enough:
+            if c.everywhere and len(c.rows) >= enough and "constant" not in c.words:
                 at = c.rows.astype(int)  # where it differs from the truth
                 here = everywhere.on(at)
                 rows_explained = here.explained(c.output.astype(np.float64))
@@ -349,12 +374,8 @@ class _Search:
             best.margin = float((best.explained & left).sum())
             return best
         if place and left.mean() < HALF:
-            return Explanation(
-                f"wrong where {place}{self._inside(members, place, left)}",
-                left & place.rows,
-                0,
-                margin=float(left.sum()),
-            )
+            said = f"wrong where {place}{self._inside(members, place, left)}"
+            return Explanation(said, left & place.rows, 0, None, 0 if place.plain else VAGUE, margin=float(left.sum()))
         table = self.judgement.table
         part = part_of(self.function, table.rows, table.truth, left, self._tells(left, members))
         if part and left.mean() < HALF and (left & part.rows).sum() >= 0.2 * wrong.sum():
@@ -381,7 +402,7 @@ class _Search:
         return telling(self.judgement.table.truth[:, columns], wrong, self.wrong)
 
     def _compared(self, members: list[slice], rows: np.ndarray) -> Compared:
-        return Compared(self.function, self.judgement.table, self.actual, members, self.limit, rows)
+        return Compared(self.function, self.judgement.table, self.actual, members, self.limit, rows, self.inner)
 
     def _values(self, c: Candidate, rows: np.ndarray) -> np.ndarray:
         """What a hypothesis gives on `rows` of the table: all, or `some`."""
@@ -404,7 +425,8 @@ def _as_they_are(compared: Compared, known: list[Candidate], values: list[np.nda
         return
     explained = compared.explained(np.array(values))
     for c, rows in zip(known, explained):
-        yield Explanation(f"those of the reference {c.words}", rows, int((~rows).sum()), c, 2)
+        plain = 3 if "throughout" in c.words else 2
+        yield Explanation(f"those of the reference {c.words}", rows, int((~rows).sum()), c, plain)
 
 
 def _with_something(compared: Compared, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
@@ -417,13 +439,18 @@ def _with_something(compared: Compared, known: list[Candidate], values: list[np.
                 if whole_words == words or words == FACTOR_OF:
                     said = f"{whole_words} {_times(whole_words)}those of the reference {known[k].words}"
                     yield _explanation(compared, said, whole, 3 + plain, known[k])
+    for changed, of in of_factors(sketch, np.array(values)[:, order]):
+        for k in np.flatnonzero(sketch.explained(changed).mean(axis=1) > 0.8):
+            for words, whole, plain in of(compared)(values[k]):
+                said = f"{words} those of the reference {known[k].words}"
+                yield _explanation(compared, said, whole, 3 + plain, known[k])
 
 
 def _accepted(offers: Iterator[Explanation], compared: Compared) -> list[Explanation]:
     """Those that explain all but a tenth, much better than the truth does; each with its margin over the truth."""
     wrong, out = int(compared.wrong.sum()), []
     for e in offers:
-        e.margin = (wrong + 1) / (e.left + 1)
+        e.margin, e.share = (wrong + 1) / (e.left + 1), e.left / max(wrong, 1)
         if e.left <= UNEXPLAINED * wrong and e.margin >= MARGIN:
             out.append(e)
     return out

@@ -81,8 +81,13 @@ def judge_function(
     if not passed:
         check.message = _describe_function(function, rows, table.truth, actual, error, limit, members)
         inputs = named_arrays(function.inputs, rows[worst_row : worst_row + 1])
+        told = {name: numbers(value[0]) for name, value in inputs.items()}
+        # What differs from row to row first: of a long line a narrow terminal shows the beginning.
+        of_structs = {name: value for name, value in told.items() if "." in name}
         check.worst = Worst(
-            inputs={name: numbers(value[0]) for name, value in inputs.items()} | halfway(inputs),
+            inputs={name: value for name, value in told.items() if name not in of_structs}
+            | halfway(inputs)
+            | of_structs,
             expected=result_of(columns, table.truth[worst_row]),
             actual=result_of(columns, actual[worst_row]),
         )

@@ -18,6 +18,7 @@ RIGHT_INSIDE = 3  # so many wrong rows one that is right costs a condition that 
 FEW = 3  # wrong rows describe nothing below it
 TELLS = 1e-3  # of a member's scale: what is smaller is right whatever one does
 EXPECTED = "the expected "
+OFTEN = 0.02  # the share of the inputs on which a ramp's ends stand
 SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
 
 
@@ -25,6 +26,11 @@ SPECIAL = (0.0, 1.0, -1.0, 0.5, 2.0)
 class Condition:
     words: str  # "n.h < 0"
     rows: np.ndarray  # (N,) bool: where it holds
+
+    @property
+    def plain(self) -> bool:
+        """Whether people would write it so: a threshold of another kind may stand for anything."""
+        return self.words.endswith((" 0", " 1", " 0.5")) or " = " in self.words
 
     def __str__(self) -> str:
         return self.words
@@ -109,6 +115,8 @@ def place_of(
     if wrong.sum() < FEW or wrong.sum() > 0.97 * whole.sum():
         return None
     best: tuple[float, int, Condition] | None = None
+    if place := _ramp(truth, wrong):
+        return place
     for rank, (name, values) in enumerate(quantities(function, rows, truth).items()):
         for place in _conditions(name, values, wrong, whole):
             inside = place.rows & whole
@@ -123,10 +131,20 @@ def place_of(
             if density < DENSE:
                 continue
             badness = (inside.sum() - (wrong & inside).sum()) + 2 * strays
-            plain = -0.02 * inside.sum() * _is_plain(place.words)
+            plain = -0.02 * inside.sum() * place.plain
             if best is None or (badness + plain, rank) < best[:2]:
                 best = (badness + plain, rank, place)
     return best[2] if best else None
+
+
+def _ramp(truth: np.ndarray, wrong: np.ndarray) -> Condition | None:
+    """Between the 0 and the 1 that are expected elsewhere."""
+    between = (truth > 0).any(axis=1) & (truth < 1).any(axis=1)
+    ends = (truth == 0).all(axis=1).mean(), (truth == 1).all(axis=1).mean()
+    if truth.shape[1] > 1 or min(ends) < OFTEN or (wrong & ~between).sum() > STRAY * wrong.sum():
+        return None
+    words = f"{EXPECTED}result lies between 0 and 1"
+    return Condition(words, between) if (wrong & between).sum() >= DENSE * between.sum() else None
 
 
 def part_of(
@@ -190,10 +208,6 @@ def _between(low: float | None, high: float | None) -> float | None:
         if low <= middle <= high:
             return middle
     return (low + high) / 2
-
-
-def _is_plain(words: str) -> bool:
-    return words.endswith((" 0", " 1", " 0.5"))
 
 
 def _number(value: float) -> str:

@@ -2,9 +2,10 @@
 inside (changed arguments, or the reference with one thing changed) are the hypotheses of the expected data; U, what happens to
 the result, is found here: a factor, a power, a clamp, members exchanged. Nothing here knows what a function computes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -60,14 +61,24 @@ class Explanation:
     plain: int = 0  # how far from plain: 0 a declared mistake
     alike: list[str] = field(default_factory=list)
     margin: float = 1.0
+    share: float = 0.0  # of what is wrong, the part that it leaves
 
 
 class Compared:
     """A student's numbers in some columns on some rows of a table, beside what hypotheses give there."""
 
     def __init__(
-        self, function: Function, table: Table, actual: np.ndarray, members: list[slice], limit: float, rows: np.ndarray
+        self,
+        function: Function,
+        table: Table,
+        actual: np.ndarray,
+        members: list[slice],
+        limit: float,
+        rows: np.ndarray,
+        inner: dict[str, np.ndarray] | None = None,
     ) -> None:
+        """inner: (N, 1 | 3) by name, of the whole table."""
+        self.inner = {name: values[rows] for name, values in (inner or {}).items()}
         self.function, self.rows, self.members = function, rows, members
         self.truth, self.actual = table.truth[rows], actual[rows].astype(np.float64)
         self.conditioning, self.inputs = FACTOR * table.conditioning[rows], table.rows[rows]
@@ -92,6 +103,7 @@ class Compared:
         other = copy(self)
         for part in ("truth", "actual", "conditioning", "inputs", "wrong"):
             setattr(other, part, getattr(self, part)[rows])
+        other.inner = {name: values[rows] for name, values in self.inner.items()}
         return other
 
     def explained(self, output: np.ndarray) -> np.ndarray:
@@ -166,6 +178,62 @@ def of_result(compared: Compared, output: np.ndarray, plain: bool) -> Iterator[t
 
 
 FACTOR_OF = "a factor"
+Again = Callable[[np.ndarray], Iterator[tuple[str, np.ndarray, int]]]  # of one hypothesis on more rows: as of_result
+
+
+def of_factors(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[np.ndarray, Callable[..., Again]]]:
+    """A quantity of the inputs as a factor on what many hypotheses give, (C, K, results): the values, and how to try one of them
+    on other rows. A straight factor such as (q + 2)/(2 pi) is fitted, for scalars."""
+    columns, function = _columns(compared.members), compared.function
+    scalars = {c.path for c in function.inputs if c.width == 1 and c.domain.type != "int"}
+    with np.errstate(all="ignore"):
+        for name, x in quantities(function, compared.inputs).items():
+            if not np.isfinite(x).all() or np.ptp(x) < 1e-6 * np.abs(x).max() or name[-2:] in (".x", ".y", ".z"):
+                continue
+            for power, words in ((1, f"{name} times"), (-1, f"1/{_bracketed(name)} times")):
+                yield outputs * (x**power)[:, None], partial(_times_a_quantity, name, power, words)
+            if name in scalars:
+                size = np.abs(outputs[..., columns])
+                large = np.isfinite(size) & (size > 0.02 * np.nanmax(size, axis=(1, 2), keepdims=True))
+                ratio = np.where(large, compared.actual[:, columns] / outputs[..., columns], np.nan)
+                y, at = np.nanmean(ratio, axis=2), np.where(large.any(axis=2), x, np.nan)  # (C, K)
+                weight = 1 / np.maximum(np.abs(y), 1e-9) ** 2
+                total = np.nansum(np.where(np.isfinite(y * at), weight, 0), axis=1)
+                mean_x, mean_y = np.nansum(weight * at, axis=1) / total, np.nansum(weight * y, axis=1) / total
+                away = at - mean_x[:, None]
+                slope = np.nansum(weight * away * (y - mean_y[:, None]), axis=1) / np.nansum(weight * away**2, axis=1)
+                factor = slope[:, None] * x + (mean_y - slope * mean_x)[:, None]
+                yield outputs * factor[:, :, None], partial(_times_straight, name)
+
+
+def _times_a_quantity(name: str, power: int, words: str, compared: Compared) -> Again:
+    def again(output: np.ndarray) -> Iterator[tuple[str, np.ndarray, int]]:
+        x = quantities(compared.function, compared.inputs)[name]
+        with np.errstate(all="ignore"):
+            yield words, output * (x**power)[:, None], 1
+
+    return again
+
+
+def _times_straight(name: str, compared: Compared) -> Again:
+    def again(output: np.ndarray) -> Iterator[tuple[str, np.ndarray, int]]:
+        columns, x = _columns(compared.members), quantities(compared.function, compared.inputs)[name]
+        with np.errstate(all="ignore"):
+            ratio = compared.actual[:, columns] / output[:, columns]
+            size = np.abs(output[:, columns])
+            use = np.isfinite(ratio) & (size > 0.02 * np.nanmax(size)) & (ratio != 0)
+            if use.sum() < 12:
+                return
+            at, y = np.broadcast_to(x[:, None], ratio.shape)[use], ratio[use]
+            slope, start = np.polyfit(at, y, 1, w=1 / np.abs(y))
+            if abs(slope) * np.ptp(at) > 0.05 * np.abs(y).mean():
+                yield f"{_straight(slope, start, name)} times", output * (slope * x + start)[:, None], 2
+
+    return again
+
+
+def _bracketed(name: str) -> str:
+    return f"({name})" if " " in name else name
 
 
 def of_results(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
@@ -281,8 +349,9 @@ def of_directions(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
                 else np.where(length > 1e-6, length / np.maximum(size, 1e-30), np.nan)[:, None]
             )
             if constant.mean() > 0.9:
-                said = _combination({n: k * ratio for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()})
-                yield said, _with(compared.truth, (member, factor * pointing)), 3
+                terms = {n: k * ratio for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()}
+                simple = len(terms) == 1 and next(iter(terms)) in named
+                yield _combination(terms), _with(compared.truth, (member, factor * pointing)), 1 if simple else 3
             else:
                 even = " and of length 1" if np.abs(length[use] - 1).max() < 1e-3 else ""
                 yield f"parallel to {said}{even}", _with(compared.truth, (member, factor * pointing)), 3
@@ -359,7 +428,7 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
             found := _monomial(own, flat | {TRUTH: np.abs(truth.ravel()[chosen])}, compared.tolerance)
         ):
             powers, constant = found
-            if powers != {TRUTH: 1}:
+            if powers != {TRUTH: 1} and len(powers) < 3:
                 out = compared.truth.copy()
                 product = constant * _raised_product(everything | {TRUTH: np.abs(truth)}, powers)
                 out[:, columns] = np.where((truth == 0) & (came == 0), 0.0, product)
@@ -406,6 +475,61 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
                     5,
                 )
                 break
+
+
+def of_inner(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
+    """What the reference computes on its way, forgotten, too many, or alone, where the two differ: times (1 - F), t^3."""
+    columns, wrong = _columns(compared.members), np.flatnonzero(compared.wrong)
+    threes = all(m.stop - m.start == 3 for m in compared.members)
+    usable = {name: v for name, v in compared.inner.items() if v.shape[1] == 1 or threes}
+    if len(wrong) < 12 or not usable:
+        return
+
+    def tiled(values: np.ndarray) -> np.ndarray:
+        return np.tile(values, (1, len(columns) // values.shape[1]))
+
+    with np.errstate(all="ignore"):
+        everything = {name: tiled(values.astype(np.float64)) for name, values in usable.items()}
+        given = {
+            n: tiled(x[:, None])
+            for n, x in quantities(compared.function, compared.inputs).items()
+            if n not in everything
+        }
+        truth, came = compared.truth[:, columns], compared.actual[:, columns]
+        met = np.all([np.isfinite(x) for x in everything.values()], axis=0) & compared.wrong[:, None]
+        # All of them at once, or one by one where no row comes to all.
+        for names in [list(everything)] if met.sum() >= 12 else [[n] for n in everything]:
+            own = {n: everything[n] for n in names}
+            here = np.all([np.isfinite(x) for x in own.values()], axis=0) & compared.wrong[:, None] & np.isfinite(came)
+            if here.sum() < 12:
+                continue
+            flat = {n: x[here] for n, x in (own | given).items()}
+            flat = {n: x for n, x in flat.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6 * np.abs(x).max()}
+
+            def values(result: np.ndarray, here: np.ndarray = here) -> np.ndarray:
+                out = compared.truth.copy()
+                out[:, columns] = np.where(here, result, truth)
+                return out
+
+            def told(powers: dict[str, float], own: dict[str, np.ndarray] = own) -> bool:
+                return any(n in own for n in powers)
+
+            ratio, known = came / truth, own | given
+            if (found := _monomial(ratio[here], flat, compared.tolerance)) and told(found[0]):
+                powers, constant = found
+                said = _product(powers, constant, compared.tolerance)
+                yield f"what is expected {said}", values(truth * constant * _raised_product(known, powers)), 2
+            if (found := _monomial(came[here], flat, compared.tolerance)) and told(found[0]):
+                powers, constant = found
+                said = _product(powers, constant, compared.tolerance).removeprefix("times ")
+                yield f"{said}, where they are wrong", values(constant * _raised_product(known, powers)), 3
+            excess = ratio[here] - 1
+            found = _monomial(np.abs(excess), {n: x for n, x in flat.items() if n in own}, 20 * compared.tolerance)
+            if found and abs(found[1] - 1) < 0.01:
+                powers, sign = found[0], float(np.sign(np.median(excess)))
+                said = _product(powers, 1.0, compared.tolerance).removeprefix("times ")
+                factor = 1 + sign * _raised_product(known, powers)
+                yield f"what is expected times (1 {'+' if sign > 0 else '-'} {said})", values(truth * factor), 3
 
 
 def of_curve(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
@@ -481,7 +605,7 @@ def of_sums(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
 def _monomial(
     ratio: np.ndarray, known: dict[str, np.ndarray], tolerance: float
 ) -> tuple[dict[str, float], float] | None:
-    """The powers of at most two quantities, with a constant, that give the ratio."""
+    """The powers of at most three quantities, with a constant, that give the ratio."""
     if not (ratio > 0).mean() > 0.95:
         return None
     y = np.log(np.abs(ratio))
@@ -505,9 +629,15 @@ def _monomial(
                 (with_y[j] * gram[i, i] - with_y[i] * gram[i, j]) / det,
             )
             groups.append(((i, j), p * with_y[i] + q * with_y[j]))
+    pairs = sorted((g for g in groups if len(g[0]) == 2), key=lambda g: -g[1])[:3]
+    for (i, j), k in ((pair, k) for pair, _ in pairs for k in range(len(names)) if k not in pair):
+        three = [i, j, k]
+        part = gram[np.ix_(three, three)]
+        if np.linalg.det(part) > 1e-6 * np.prod(np.diag(part)):
+            groups.append(((i, j, k), float(np.linalg.solve(part, with_y[three]) @ with_y[three])))
     best = None
     # One quantity before two; of those that leave least, the few best are tried with the powers that people write.
-    for size in (1, 2):
+    for size in (1, 2, 3):
         for group, _ in sorted((g for g in groups if len(g[0]) == size), key=lambda g: -g[1])[:6]:
             chosen = list(group)
             solution = np.linalg.lstsq(x[:, chosen], mine, rcond=None)[0]

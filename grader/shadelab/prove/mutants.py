@@ -90,10 +90,9 @@ def _judge_cpp(assignment, expected, bred: list[Mutant], folder: Path, progress)
         nonlocal done
         runner, out = many.runner(f"thread-{part}"), {}
         for number in list(many.bodies)[part::THREADS]:
-            many.choose(runner, number)
             out[number] = "alive"
             for function in _affected(assignment, expected, bred[number]):
-                output = runner.evaluate(Evaluate(function, expected.table(function).rows))
+                output = runner.evaluate(number, Evaluate(function, expected.table(function).rows))
                 if output.array is None or _killed(expected, function, "cpp", output.array):
                     out[number] = "killed"
                     break

@@ -6,7 +6,7 @@ In its folder stand
     functions.npz       per function: FUNCTION.rows (float32 inputs), FUNCTION.truth and FUNCTION.conditioning (float64), and
                         FUNCTION.scenes, of which scene each row is
     mistakes.npz        ID/BACKEND/FUNCTION: what the declared mistakes give for the same inputs
-    hypotheses.npz      per function, one after the other: what the reference gives with one thing changed
+    hypotheses.npz      per function, one after the other: what the reference gives with one thing changed; and inner quantities
     SCENE.npz           the film's layers (float32), the mask of pixels that are judged, and the noise of each pixel
     SCENE.json          what holds for the whole scene: eye, lights, scale, spread, the solution's run times
     SCENE.packet        the frame packet for the OpenGL client
@@ -132,6 +132,11 @@ class Expected:
                 words, functions, everywhere, np.split(rows, ends[:-1]), np.split(values, ends[:-1])
             )
         ]
+
+    def inner(self, function: Function) -> dict[str, np.ndarray]:
+        """The quantities that the reference computes on its way to a result, by name: (N, 1) or (N, 3), NaN where it does not."""
+        start = f"{function.name}.inner."
+        return {key.removeprefix(start): self._hypotheses[key] for key in self._hypotheses if key.startswith(start)}
 
     def table(self, function: Function) -> Table:
         parts = {part: self.functions[f"{function.name}.{part}"] for part in TABLE}

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from shadelab.course.assignment import Function, named_arrays
-from shadelab.course.mistakes import load_changes, regions
-from shadelab.course.mutants import Mutant, Scope, mutants
+from shadelab.course.mistakes import SLIDES, load_changes, regions
+from shadelab.course.mutants import Mutant, Probe, Scope, mutants, probes
 from shadelab.evidence.tasks import Evaluate
 from shadelab.machine.build import DOUBLE
 from shadelab.truth.expected import Hypothesis, Table, with_callers
@@ -27,7 +27,9 @@ NARROW, KEPT = 1500, 512
 # Two that differ by less are one: the sentence of the first is told.
 SAME = 1e-5
 LONG = 12  # words
-BODIES = 5  # of a function: its own and its first variants', of which mutants are bred
+# Of a function: the slides' body, its own and its first variants', of which mutants are bred; and those of which inner quantities
+# are kept.
+BODIES, PROBED = 4, 2
 ROWS_AT_ONCE = 200_000
 
 
@@ -57,7 +59,8 @@ def _of_function(
     kept.transforms = len(kept.found)
     for mutant, output in changed.outputs(function, calls, exact):
         kept.add(mutant.words, mutant.function, output)
-    return {f"{function.name}.{part}": array for part, array in kept.arrays().items()}
+    inner = {f"inner.{name}": values for name, values in changed.inner(function, exact).items()}
+    return {f"{function.name}.{part}": array for part, array in (kept.arrays() | inner).items()}
 
 
 def _sisters(workshop: Workshop, function: Function) -> list[Function]:
@@ -150,9 +153,15 @@ class _ChangedReferences:
         self.reaching: set[str] = (
             set()
         )  # bodies of which callers are asked, too: what they may do over again themselves
-        self.many = ManyBodies(
-            self.assignment, workshop.work / "changed", dict(enumerate(self._bred(), 1)), double=True
-        )
+        self.probes: list[Probe] = []
+        bodies = dict(enumerate(self._bred(), 1))
+        self.asked: dict[int, Probe] = {}  # by the number of its body; the moved one has the next
+        for probe in self.probes:
+            number = len(bodies) + 1
+            self.asked[number] = probe
+            bodies[number] = Mutant(f"probe of {probe.words}", probe.function, probe.body)
+            bodies[number + 1] = Mutant(f"moved {probe.words}", probe.function, probe.moved)
+        self.many = ManyBodies(self.assignment, workshop.work / "changed", bodies, double=True)
 
     def _bred(self) -> list[Mutant]:
         """Of each function's own body and of variants', for another algebra has other places to go wrong. Loops are left out: a
@@ -163,15 +172,19 @@ class _ChangedReferences:
         marked = regions(text, source)
         for function in (f for f in self.assignment.functions if f.name in marked):
             scope = Scope.of(self.assignment, function, text)
-            bodies = [marked[function.name]["body"], *(v.bodies_for("cpp").get(function.name, "") for v in variants)]
+            # The slides' form first: what is told is told in its terms.
+            variants.sort(key=lambda v: v.id != SLIDES)
+            bodies = [v.bodies_for("cpp").get(function.name, "") for v in variants]
+            bodies.insert(1 if bodies and bodies[0] else 0, marked[function.name]["body"])
             plain = [body for body in bodies if body and not re.search(r"\b(for|while)\b", body)]
             for number, body in enumerate(plain[:BODIES]):
+                self.probes += probes(function, body, scope) if number < PROBED else []
                 for mutant in mutants(function.name, body, scope):
                     if mutant.words:
                         out.setdefault((function.name, mutant.body), mutant)
                         self.reaching |= {mutant.body} if number == 0 else set()
-        # Constants last: of two that give the same numbers the first is told, and "4 for 5" tells least.
-        return sorted(out.values(), key=lambda mutant: "constant" in mutant.words)
+        # Of two that give the same numbers the first is told: constants last, for "4 for 5" tells least.
+        return sorted(out.values(), key=lambda mutant: ("constant" in mutant.words, "throughout" in mutant.words))
 
     def outputs(
         self, function: Function, calls: dict[str, list[str]], rows: np.ndarray
@@ -181,11 +194,27 @@ class _ChangedReferences:
         reach = [
             (number, mutant)
             for number, mutant in self.many.bodies.items()
-            if mutant.function == function.name
+            if (mutant.words and mutant.function == function.name)
             or (mutant.body in self.reaching and function.name in with_callers({mutant.function}, calls))
         ]
         for number, mutant in sorted(reach, key=lambda item: item[1].function != function.name):
-            self.many.choose(runner, number)
-            output = runner.evaluate(Evaluate(function, rows))
+            output = runner.evaluate(number, Evaluate(function, rows))
             if output.array is not None:
                 yield mutant, output.array
+
+    def inner(self, function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """(N, 1) or (N, 3) by name: the quantities that the reference computes on its way; NaN where it does not come to one."""
+        runner, out = self.many.runner(f"{function.name}-probes"), {}
+        for number, probe in self.asked.items():
+            if (
+                probe.function != function.name
+                or probe.words in out
+                or not {number, number + 1} <= set(self.many.bodies)
+            ):
+                continue
+            values = [runner.evaluate(body, Evaluate(function, rows)).array for body in (number, number + 1)]
+            if values[0] is not None and values[1] is not None:
+                value, moved = (v[:, : probe.width] for v in values)
+                with np.errstate(over="ignore"):
+                    out[probe.words] = np.where(value == moved, np.nan, value).astype(np.float32)
+        return out

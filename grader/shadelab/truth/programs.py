@@ -15,7 +15,6 @@ from shadelab.paths import shown
 from shadelab.result import FRAMES
 from shadelab.truth.expected import Table, with_callers
 from shadelab.truth.measures import function_members, row_errors, spread_of
-from shadelab.truth.tables import exact_rows
 from shadelab.truth.workshop import PLAIN, Workshop
 from shadelab.words import BACKENDS
 
@@ -33,9 +32,9 @@ class Spread:
     def of(cls, assignment: Assignment) -> "Spread":
         return cls(*({f.name: {backend: {} for backend in BACKENDS} for f in assignment.functions} for _ in range(2)))
 
-    def add(self, function: Function, backend: str, program: str, errors: np.ndarray, exact: np.ndarray) -> None:
-        """errors, exact: (N,)"""
-        self.errors[function.name][backend][program] = spread_of(errors, exact)
+    def add(self, function: Function, backend: str, program: str, errors: np.ndarray) -> None:
+        """errors: (N,)"""
+        self.errors[function.name][backend][program] = spread_of(errors)
         self.farthest[function.name][backend][program] = float(errors.max())
 
 
@@ -93,8 +92,7 @@ def run_program(
                 raise UserError(
                     f"{shown(workshop.assignment.directory)}: {program.name}: {function.name} is not finite at {where}"
                 )
-            exact = exact_rows(function, table.drawn, table.rows)
-            spread.add(function, program.backend, program.name, errors, exact)
+            spread.add(function, program.backend, program.name, errors)
         spread.gl = getattr(runner, "gl", spread.gl)
         if cpp and not quick:
             runner = workshop.cpp(folder, Recipe(functions=False, loops=loops, contract=program.fused), program.name)

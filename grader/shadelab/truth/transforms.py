@@ -29,7 +29,7 @@ _colours: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     ("the second channel of {} for all", lambda c: c[:, [1, 1, 1]]), ("the third channel of {} for all", lambda c: c[:, [2, 2, 2]]),
     ("the mean of {}'s channels for all", lambda c: np.repeat(c.mean(axis=1, keepdims=True), 3, axis=1)),
     ("the largest of {}'s channels for all", lambda c: np.repeat(c.max(axis=1, keepdims=True), 3, axis=1)),
-    ("{} with red and blue exchanged", lambda c: c[:, [2, 1, 0]]), ("{} with its first two exchanged", lambda c: c[:, [1, 0, 2]]),
+    ("{} with its first and third exchanged", lambda c: c[:, [2, 1, 0]]), ("{} with its first two exchanged", lambda c: c[:, [1, 0, 2]]),
     ("{} with its last two exchanged", lambda c: c[:, [0, 2, 1]]), ("{} with gamma 2.2 taken off", lambda c: np.abs(c) ** 2.2),
     ("{} with gamma 2.2 put on", lambda c: np.abs(c) ** (1 / 2.2)), ("{} clamped to 0 .. 1", lambda c: np.clip(c, 0, 1)),
     ("{} normalised", lambda c: c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), 1e-30)),
