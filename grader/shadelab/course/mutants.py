@@ -173,7 +173,7 @@ class _Breeder:
     def _probe(self, function: Function, words: str, value: str, type: str, at: int) -> Iterator[Probe]:
         texts = [self._as(function.returns, text, type) for text in (value, f"({value} + 1.0)")]
         if all(texts):
-            bodies = [f"{self.body[:at]}\nreturn {text};" for text in texts]
+            bodies = [f"{self.body[:at]};\nreturn {text};" for text in texts]
             yield Probe(words, function.name, *bodies, 3 if type == "vec3" else 1)
 
     def _as(self, returns: str, value: str, type: str) -> str:

@@ -24,6 +24,7 @@ from shadelab.judge.relations import (
     of_factors,
     of_inner,
     of_members,
+    of_pairs,
     of_quantities,
     of_result,
     of_results,
@@ -281,6 +282,7 @@ class _Search:
                 here = _accepted(_as_they_are(compared, self.changed, values), compared)
                 if not here and not found:
                     here = _accepted(_with_something(compared, self.changed, values), compared)
+                    here = here or _accepted(_both(compared, self.changed, values), compared)
                 found += here
         for e in found:
             if e.candidate is not None and e.candidate.function in self.right:
@@ -297,10 +299,11 @@ class _Search:
         """One and the same on a condition: what a gate gives that should not be there."""
         columns = [k for m in compared.members for k in range(m.start, m.stop)]
         came = np.unique(self.actual[wrong][:, columns], axis=0)
-        if len(came) == 1 and (place := self._place(wrong, compared.members)):
-            values = compared.truth.copy()
-            values[np.ix_(place.rows, columns)] = came[0]
-            yield _explanation(compared, f"{_vector(came[0])} where {place}", values, 0)
+        if len(came) == 1:
+            place, values = self._place(wrong, compared.members), compared.truth.copy()
+            values[np.ix_(place.rows if place else wrong, columns)] = came[0]
+            where = f"where {place}" if place else "wherever they are wrong"
+            yield _explanation(compared, f"{_vector(came[0])} {where}", values, 0 if place else 2)
 
     def _of_truth(self, compared: Compared) -> Iterator[Explanation]:
         if not compared.wrong.any():
@@ -444,6 +447,15 @@ def _with_something(compared: Compared, known: list[Candidate], values: list[np.
             for words, whole, plain in of(compared)(values[k]):
                 said = f"{words} those of the reference {known[k].words}"
                 yield _explanation(compared, said, whole, 3 + plain, known[k])
+
+
+def _both(compared: Compared, known: list[Candidate], values: list[np.ndarray]) -> Iterator[Explanation]:
+    """Two factors changed at once."""
+    for i, j in of_pairs(compared, np.array(values)):
+        with np.errstate(all="ignore"):
+            both = np.where(compared.truth == 0, 0.0, values[i] * (values[j] / compared.truth))
+        said = f"those of the reference {known[i].words}, and {known[j].words}"
+        yield _explanation(compared, said, both, 4, known[i])
 
 
 def _accepted(offers: Iterator[Explanation], compared: Compared) -> list[Explanation]:

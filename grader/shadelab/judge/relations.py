@@ -178,6 +178,11 @@ def of_result(compared: Compared, output: np.ndarray, plain: bool) -> Iterator[t
 
 
 FACTOR_OF = "a factor"
+PAIRED, FEWEST_PAIRED, MOST_PAIRS = (
+    64,
+    12,
+    4,
+)  # numbers that two hypotheses at once are held against; pairs that are offered
 Again = Callable[[np.ndarray], Iterator[tuple[str, np.ndarray, int]]]  # of one hypothesis on more rows: as of_result
 
 
@@ -204,6 +209,38 @@ def of_factors(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[np.nda
                 slope = np.nansum(weight * away * (y - mean_y[:, None]), axis=1) / np.nansum(weight * away**2, axis=1)
                 factor = slope[:, None] * x + (mean_y - slope * mean_x)[:, None]
                 yield outputs * factor[:, :, None], partial(_times_straight, name)
+
+
+def of_pairs(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Two of many hypotheses, (C, K, results), that multiply what is expected, both at once: which two may do it."""
+    columns = _columns(compared.members)
+    with np.errstate(all="ignore"):
+        truth = compared.truth[:, columns]
+        use = (
+            compared.wrong[:, None]
+            & np.isfinite(truth)
+            & (np.abs(truth) > 0.01 * np.nanmax(np.abs(truth), initial=0.0))
+        )
+        ratios = np.where(use, outputs[..., columns] / truth, np.nan).reshape(len(outputs), -1)
+        mine = np.where(use, compared.actual[:, columns] / truth, np.nan).ravel()
+        good = (np.isfinite(mine) & (mine > 0)).nonzero()[0][:PAIRED]
+        if len(good) < FEWEST_PAIRED:
+            return
+        logs, goal = np.log(ratios[:, good]), np.log(mine[good])
+    known = np.flatnonzero(np.isfinite(logs).all(axis=1) & (np.abs(logs).max(axis=1) > 10 * compared.tolerance))
+    # One number for each, in which sums stay sums; of those that fit, all numbers are compared.
+    along = np.random.default_rng(3).normal(size=len(good))
+    sums, wanted = logs[known] @ along, float(goal @ along)
+    order = np.argsort(sums)
+    slack, tried = 2 * compared.tolerance * np.abs(along).sum(), 0
+    for k, i in enumerate(known):
+        first, last = np.searchsorted(sums[order], [wanted - sums[k] - slack, wanted - sums[k] + slack])
+        for j in known[order[first:last]]:
+            if j > i and (np.abs(logs[i] + logs[j] - goal) < 3 * compared.tolerance).mean() > 0.9:
+                yield int(i), int(j)
+                tried += 1
+                if tried == MOST_PAIRS:
+                    return
 
 
 def _times_a_quantity(name: str, power: int, words: str, compared: Compared) -> Again:

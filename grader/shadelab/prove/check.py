@@ -20,7 +20,7 @@ from shadelab.paths import STARTER
 from shadelab.prove.mutants import Mutation, mutate
 from shadelab.truth import making
 from shadelab.truth.expected import Expected, with_callees, with_callers
-from shadelab.words import BACKENDS, points
+from shadelab.words import BACKENDS, listed, points
 
 STARTER_LIMIT = 0.15
 
@@ -87,10 +87,29 @@ def _remarks(assignment: Assignment, changes: Changes, expected: Expected) -> li
     drawn = with_callees({name for scene in assignment.scenes for name in scene.described.calls}, expected.facts.calls)
     out = [f"{name}: no mistake of it is declared in {MISTAKES}" for name in graded if name not in mistaken]
     out += [f"{name}: no scene calls it, so no picture shows a mistake of it" for name in graded if name not in drawn]
+    out += _holes(assignment, changes)
     if abs(assignment.points - 100) > 1e-6:
         out.append(
             f"its points add up to {points(assignment.points)}, not to 100 (hidden scenes and stability included)"
         )
+    return out
+
+
+def _holes(assignment: Assignment, changes: Changes) -> list[str]:
+    """Of functions with the same arguments, what is declared for one and not for its sister: a mistake ID is FUNCTION-KIND."""
+    sisters: dict[tuple, list[str]] = {}
+    for f in (f for f in assignment.functions if f.graded):
+        sisters.setdefault((f.returns, *(v.domain.type for v in f.values)), []).append(f.name)
+    out = []
+    for names in (group for group in sisters.values() if len(group) > 1):
+        kinds: dict[str, list[str]] = {}
+        for m in (m for m in changes.mistake if m.function in names):
+            kinds.setdefault(m.id.removeprefix(m.function.replace("_", "-") + "-"), []).append(m.function)
+        holes = {kind: [n for n in names if n not in mistaken] for kind, mistaken in kinds.items()}
+        for name in names:
+            if missing := [kind for kind, without in holes.items() if name in without]:
+                others = listed([n for n in names if n != name])
+                out.append(f"{name}: not declared, though {others} has it: {listed(missing)}")
     return out
 
 

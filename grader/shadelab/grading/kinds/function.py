@@ -143,7 +143,7 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
         if found.said:
             check.message += f"; {found.said}"
         for number, other in enumerate(found.others, 2):
-            check.message += f"; mistake {number}: {other}"
+            check.message += f"; mistake {number}: {other.rstrip('.')}"
     return check
 
 
