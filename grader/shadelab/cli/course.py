@@ -44,9 +44,10 @@ def check(
 ) -> None:
     """Grade the grader: every declared mistake must lose points and be named, every correct variant must lose none.
 
-    Where mistakes.toml says so, single tokens of the solution are changed as well (mutants); none may pass. Notes say what is
-    left open: a graded function without a declared mistake or without a scene, points that are not 100. `package` takes only
-    what has passed.
+    Below every correct variant of a function every mistake of those that it calls is graded, too: it is right on top of them.
+    Single tokens of every graded function are changed as well (mutants); none may pass. Notes say what is left open: a graded
+    function without a declared mistake or without a scene, mistakes that only a sister function has, points that are not 100.
+    `package` takes only what has passed.
     """
     from shadelab.course.assignment import assignment_names, find_assignment
     from shadelab.prove.check import check as run_check

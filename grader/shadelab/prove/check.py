@@ -3,7 +3,7 @@ check and in no other; every correct variant and the solution must lose none; th
 Mutants of the solution must not survive."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -30,7 +30,7 @@ class Row:
     """One graded submission of the matrix."""
 
     name: str
-    kind: str  # solution | starter | mistake | variant
+    kind: str  # solution | starter | mistake | variant | crossed (a mistake below a variant)
     lost: dict[str, float]  # backend -> points lost
     failed: dict[str, list[str]]  # backend -> ids of the failed checks
     named: dict[str, float]  # backend -> the margin by which the mistake was named; absent: it was not
@@ -41,6 +41,7 @@ class Row:
 @dataclass
 class Matrix:
     rows: list[Row]
+    crossed: int  # mistakes on top of which functions in another algebra were graded
     mutations: list[Mutation]
     remarks: list[str]  # what the declarations leave open: said, and no fault of the grader
 
@@ -48,12 +49,17 @@ class Matrix:
 def check(assignment: Assignment, progress: Callable[[str, int, int], None], images: bool = False) -> Matrix:
     """images: draw the scenes for the mistakes, too. The tables tell what each does; pictures say how much of it is seen."""
     changes = load_changes(assignment)
-    subjects: list[tuple[str, str, Change | None]] = [("solution", "solution", None), ("starter", "starter", None)]
+    subjects: list[tuple[str, str, Change | Crossed | None]] = [
+        ("solution", "solution", None),
+        ("starter", "starter", None),
+    ]
     subjects += [(m.id, "mistake", m) for m in changes.mistake] + [(v.id, "variant", v) for v in changes.variant]
     expected = making.load(assignment, progress)  # once, before several want it
+    crossed = list(_crossed(assignment, changes, expected))
+    subjects += [(change.id, "crossed", change) for change in crossed]
     done = 0
 
-    def judge(subject: tuple[str, str, Change | None]) -> Row:
+    def judge(subject: tuple[str, str, Change | Crossed | None]) -> Row:
         nonlocal done
         name, kind, change = subject
         folder = {"solution": assignment.directory, "starter": STARTER / assignment.name}.get(kind, scratch / name)
@@ -61,7 +67,7 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
             write_submission(assignment, change, folder)
         # What a mistake may change: its own function and those that call it.
         only: str | set[str] = "*"
-        if kind == "mistake" and not images:
+        if kind == "crossed" or (kind == "mistake" and not images):
             functions = with_callers({change.function}, expected.facts.calls)
             only = {f"{backend}/function/{name}" for backend in BACKENDS for name in functions}
         grading = grade(assignment, folder, only=only, pictures=False)
@@ -75,10 +81,36 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
     with work_folder("check") as scratch:
         progress(assignment.name, 0, len(subjects))
         with ThreadPoolExecutor(2) as pool:
-            rows = list(pool.map(judge, subjects))
-        return Matrix(
-            rows, mutate(assignment, expected, scratch / "mutants", progress), _remarks(assignment, changes, expected)
-        )
+            rows = [row for row in pool.map(judge, subjects) if row.kind != "crossed" or row.faults]
+        mutations = mutate(assignment, expected, scratch / "mutants", progress)
+        return Matrix(rows, len(crossed), mutations, _remarks(assignment, changes, expected))
+
+
+@dataclass
+class Crossed:
+    """A mistake below a variant of the functions that call it."""
+
+    id: str
+    function: str  # in which the mistake is
+    bodies: dict[str, dict[str, str]]  # by language and function
+
+    def bodies_for(self, backend: str) -> dict[str, str]:
+        return self.bodies[backend]
+
+
+def _crossed(assignment: Assignment, changes: Changes, expected: Expected) -> Iterator[Crossed]:
+    """Every mistake below every correct variant of the functions that call it: on top of a wrong function another algebra gives
+    other numbers, and is right all the same."""
+    graded = {f.name for f in assignment.functions if f.graded}
+    for mistake in changes.mistake:
+        callers = (with_callers({mistake.function}, expected.facts.calls) - {mistake.function}) & graded
+        for variant in changes.variant:
+            bodies = {
+                b: {f: body for f, body in variant.bodies_for(b).items() if f in callers} | mistake.bodies_for(b)
+                for b in BACKENDS
+            }
+            if callers & set(variant.bodies_for("cpp")):
+                yield Crossed(f"{mistake.id}+{variant.id}", mistake.function, bodies)
 
 
 def _remarks(assignment: Assignment, changes: Changes, expected: Expected) -> list[str]:
@@ -121,7 +153,9 @@ def worst_rmse(assignment: Assignment, grading: Grading) -> float | None:
     return max(yours, default=None)
 
 
-def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, grading: Grading, images: bool) -> Row:
+def _judge(
+    assignment: Assignment, name: str, kind: str, change: Change | Crossed | None, grading: Grading, images: bool
+) -> Row:
     result = grading.result
     # A correct variant may well be unstable: that is what the points for stability are for.
     judged = [c for c in result.checks if not (kind == "variant" and c.kind == "stability")]
@@ -137,6 +171,13 @@ def _judge(assignment: Assignment, name: str, kind: str, change: Change | None, 
             row.faults.append(
                 f"the starter has {result.score:g} of {result.max_score:g} points, more than {STARTER_LIMIT:.0%}"
             )
+    elif kind == "crossed":
+        own = {f"{backend}/function/{change.function}" for backend in BACKENDS}
+        row.faults += [
+            f"{c.id} costs {c.max_score - c.score:g} points, though it is right on top of {change.function}: {c.message}"
+            for c in judged
+            if c.status == "failed" and c.id not in own
+        ]
     elif kind == "mistake":
         if images and change.subtle and row.rmse >= SUBTLE:
             row.faults.append(f"is declared subtle, but an image's RMSE is {row.rmse:.3g} (subtle is below {SUBTLE:g})")

@@ -67,7 +67,9 @@ def rubric(assignment: Assignment) -> str:
         "",
         f"**A release**, the folder that a course hands out, holds neither the solution nor hidden scenes. Its checks give up to {most} "
         f"of the {points(assignment.points)} points, and it judges each function by itself: one that is right given what a wrong one of "
-        "yours gives loses its points there and keeps them in the course's autograder. Your score there may so be higher.",
+        "yours gives loses its points there and keeps them in the course's autograder, and so do pictures that are wrong through it alone. "
+        "Your score there may so be higher; and lower where your code asks a question of its own that its tables do not, and answers "
+        "it wrongly.",
     ]
     return "\n".join(line if line.startswith("|") else fill(line, 120) for line in lines)
 

@@ -26,6 +26,11 @@ def print_matrix(name: str, matrix: Matrix, console: Console) -> int:
     for row in matrix.rows:
         for fault in row.faults:
             console.print(f"{row.name}: {fault}", markup=False, soft_wrap=True)
+    if matrix.crossed:
+        wrong = sum(row.kind == "crossed" for row in matrix.rows)
+        console.print(
+            f"{name}: {matrix.crossed} times a mistake below a variant of its callers, {wrong} times it costs those points"
+        )
     for mutation in matrix.mutations:
         console.print(
             f"{name}: {mutation.killed} mutants in {BACKENDS[mutation.backend]} found out, {len(mutation.survivors)} survive; "

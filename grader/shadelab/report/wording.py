@@ -152,8 +152,8 @@ def beside_the_score(result: Result) -> str | None:
         return None
     more = f"{points(result.elsewhere)} more are for scenes that only the course has. " if result.elsewhere else ""
     return (
-        f"These are the points of the checks in this release. {more}There, a function that is right given what another of yours "
-        "gives keeps its points; here it does not."
+        f"These are the points of the checks in this release. {more}There, a function or a picture that is right given what another of "
+        "your functions gives keeps its points; here it does not."
     )
 
 
