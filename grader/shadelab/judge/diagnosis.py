@@ -38,6 +38,7 @@ from shadelab.truth.measures import function_members
 PART = 0.05
 SEVERAL = 3
 UNDECLARED = "undeclared"  # id of a mistake that was found by searching
+ALL = 100.0
 NOT_ALL = 0.02  # a declared mistake that leaves more of what is wrong may be another one
 VAGUE = 5  # how plain an explanation is not: see Explanation
 SKETCH = 96  # rows on which what happens to the results of all hypotheses is tried first
@@ -462,7 +463,8 @@ def _accepted(offers: Iterator[Explanation], compared: Compared) -> list[Explana
     """Those that explain all but a tenth, much better than the truth does; each with its margin over the truth."""
     wrong, out = int(compared.wrong.sum()), []
     for e in offers:
-        e.margin, e.share = (wrong + 1) / (e.left + 1), e.left / max(wrong, 1)
+        # On many rows and on few what explains all but one in ALL is as good.
+        e.margin, e.share = min((wrong + 1) / (e.left + 1), ALL), e.left / max(wrong, 1)
         if e.left <= UNEXPLAINED * wrong and e.margin >= MARGIN:
             out.append(e)
     return out
