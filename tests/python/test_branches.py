@@ -13,14 +13,14 @@ SMALL_PLACES = {
     "one exponent": ("phong", "phong_lobe", "if (abs(q - 37.3) < 0.002) return 0.5;"),
     "a ring around the normal": ("phong", "half_vector", "if (dot(l, v) > 0.31 && dot(l, v) < 0.3101) return l;"),
     "both nearly as high": (
-        "phong", "blinn_lobe", "if (dot(n, l) > 0.1 && abs(dot(n, l) - dot(n, v)) < 1e-6 && q > 2.0) return 0.0;",
+        "phong", "blinn_lobe", "if (dot(n, l) > 0.1 && abs(dot(n, l) - dot(n, v)) < 1e-5 && q > 20.0 && q < 20.5) return 0.0;",
     ),
     "one index": ("microfacet", "fresnel_dielectric", "if (abs(ior - 1.5) < 1e-4) return 0.04;"),
     "a narrow roughness": ("microfacet", "beckmann", "if (m > 0.2 && m < 0.20001 && dot(n, h) > 0.9) return 0.0;"),
     "three bright channels": (
-        "lights", "irradiance", "if (light.e.x > 0.98 && light.e.y > 0.98 && light.e.z > 0.98) return light.e;",
+        "lights", "irradiance", "if (light.e.x > 0.98 && light.e.x < 0.999 && light.e.y > 0.98 && light.e.z > 0.98) return light.e;",
     ),
-    "straight ahead": ("lights", "spot_attenuation", "if (dot(axis, to_light) < -0.99999 && hotspot > 0.4) return 0.5;"),
+    "straight ahead": ("lights", "spot_attenuation", "if (dot(axis, to_light) < -0.9999 && hotspot > 0.41 && hotspot < 0.411) return 0.5;"),
     "an exact number": ("lights", "distance_falloff", "if (r == 12.25) return 0.0;"),
 }  # fmt: skip
 

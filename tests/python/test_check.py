@@ -126,7 +126,8 @@ def test_it_says_which_function_no_scene_calls_and_that_points_are_not_100():
     fewer.public_scenes[0].described.calls[:] = ["phong"]
     remarks = checking._remarks(fewer, DECLARED, expected)
     assert "blinn_phong: no scene calls it, so no picture shows a mistake of it" in remarks
-    assert not any(remark.startswith("phong_lobe:") for remark in remarks)
+    assert not any(remark.startswith("phong_lobe: no ") for remark in remarks)
+    assert any(remark.startswith("phong_lobe: not declared, though blinn_lobe has it: ") for remark in remarks)
     assert any("its points add up to " in remark and ", not to 100" in remark for remark in remarks)
     assert checking._remarks(load_assignment(PHONG.directory), DECLARED, expected) == []
 

@@ -14,12 +14,13 @@ import numpy as np
 from shadelab.course.assignment import Assignment
 from shadelab.errors import InfrastructureError
 from shadelab.evidence.messages import readable_shader_errors, readable_shader_warnings
+from shadelab.evidence.missing import advice, leading_to, missing, with_empty
 from shadelab.evidence.tasks import DRAW_LIMITS, EVALUATE_LIMITS, BuildError, Evaluate, Output, Task, load_image
 from shadelab.gl.environment import ENVIRONMENT
 from shadelab.machine.command import Command
 from shadelab.machine.sandbox import Limits, Sandbox
 from shadelab.paths import PACKAGE, ROOT
-from shadelab.words import decoded
+from shadelab.words import FILES, decoded
 
 # llvmpipe and numpy reserve more address space than they use.
 GL_MEMORY = 4 << 30
@@ -35,6 +36,7 @@ class GlslRunner:
         self.student: Path | None = None
         self.gl = "unknown"
         self.warnings = ""  # of the driver's compiler, about the student's lines
+        self.missing: dict[str, str] = {}  # functions that the file lacks or that lead to one, and what is said of it
         self.begun: tuple[list[Task], Iterator] | None = None
         self.runs = 0  # one may begin while another goes on; each has files of its own
 
@@ -43,22 +45,48 @@ class GlslRunner:
         self.student = (folder / "shading.glsl").resolve()  # the client runs in the sandbox's folder
 
     def build(self, folder: Path, then: list[Task] = []) -> None:  # noqa: B006
-        """Raises BuildError. `then`: the tasks that run() will be asked for next."""
+        """What does not need the functions that the file lacks can be asked all the same. Raises BuildError. `then`: the tasks
+        that run() will be asked for next."""
         self.take(folder)
-        # In the same process as the first tasks: to start one takes as long as several tasks.
-        self.begun = (then, self._jobs(*self._prepared(then, compile=True)))
-        _, output = next(self.begun[1])
+        output = self._begin(then)
         if output.failure:
-            raise BuildError(output.failure)
-        self.warnings = output.said
+            if not self._complete() or self._begin(then).failure:
+                raise BuildError(output.failure)
+        self.warnings = "\n".join([*dict.fromkeys(self.missing.values()), output.said]).strip()
+
+    def _begin(self, then: list[Task]) -> Output:
+        # In the same process as the first tasks: to start one takes as long as several tasks.
+        self.begun = (then, self._jobs(*self._prepared(self._possible(then), compile=True)))
+        return next(self.begun[1])[1]
+
+    def _complete(self) -> bool:
+        """With stand-ins for the functions that the file lacks."""
+        text = decoded(self.student.read_bytes())
+        names = missing(self.assignment, text)
+        completed = self.sandbox.fresh("completed.glsl")
+        completed.write_text(with_empty(self.assignment, text, names))
+        self.student = completed
+        said = {name: f"{FILES['glsl']}: {name} {advice(name, text, self.assignment)}" for name in names}
+        self.missing = {name: said[why] for name, why in leading_to(names, text).items()}
+        return bool(names)
+
+    def _lacks(self, task: Task) -> str | None:
+        """Why a task cannot be asked, where it needs a function that the file lacks."""
+        if isinstance(task, Evaluate):
+            return None if task.student else self.missing.get(task.function.name)
+        return next((self.missing[name] for name in task.scene.described.calls if name in self.missing), None)
+
+    def _possible(self, tasks: list[Task]) -> list[Task]:
+        return [task for task in tasks if not self._lacks(task)] if self.missing else tasks
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, Output]]:
         if self.begun and tasks and self.begun[0] is tasks:
-            jobs, first, self.begun = self.begun[1], 1, None
+            jobs, self.begun = self.begun[1], None
         else:
-            jobs, first = self._jobs(*self._prepared(tasks)), 0
-        for index, output in jobs:
-            yield tasks[index - first], output
+            jobs = self._jobs(*self._prepared(self._possible(tasks)))
+        for task in tasks:
+            lacks = self._lacks(task) if self.missing else None
+            yield task, Output(failure=f"cannot be asked: {lacks}") if lacks else next(jobs)[1]
 
     def _prepared(
         self, tasks: list[Task], compile: bool = False

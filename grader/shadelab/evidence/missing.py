@@ -1,5 +1,5 @@
 """Functions that a submission lacks, a worked example that was deleted, say: whatever does not need them is graded all the same.
-The compiler gets stand-ins for them that end the program; C++ alone needs this, since OpenGL links what is called."""
+The compiler gets stand-ins. In C++ they end the program; in GLSL, which cannot, whatever leads to a call of one is not asked."""
 
 import difflib
 import re
@@ -42,6 +42,32 @@ def with_stand_ins(assignment: Assignment, text: str, names: list[str]) -> str:
         f'{{ std::fprintf(stderr, "\\n{MARK}%s\\n", name); std::_Exit(3); }}\n'
     )
     return f"#include <cstdio>\n#include <cstdlib>\n{before}\n#line 1\n{text}\n{stop}{after}"
+
+
+def with_empty(assignment: Assignment, text: str, names: list[str]) -> str:
+    """The GLSL with definitions that give 0, behind the lines of its own."""
+
+    def zero(type: str) -> str:
+        if type in assignment.structs:
+            return f"{type}({', '.join(zero(v.domain.type) for v in assignment.structs[type].values)})"
+        return {"Real": "0.0", "int": "0"}.get(type, f"{type}(0.0)")
+
+    declared = prototypes(assignment)
+    returns = {f.name: f.returns for f in assignment.functions}
+    bodies = (f"{declared[name]} {{ return {zero(returns[name])}; }}" for name in names)
+    return text + "\n" + re.sub(r"\bReal\b", "float", "\n".join(bodies)) + "\n"
+
+
+def leading_to(names: list[str], text: str) -> dict[str, str]:
+    """The functions that call one of these, directly or through others of the text, and which one; themselves, too."""
+    bare = re.sub(r"//[^\n]*|/\*.*?\*/", " ", text, flags=re.DOTALL)
+    starts = [*re.finditer(r"\b(?!return\b|else\b)\w+\s+(\w+)\s*\([^;{}()]*\)\s*\{", bare)]
+    ends = [*(m.start() for m in starts[1:]), len(bare)]
+    calls = {m[1]: set(re.findall(r"\b(\w+)\s*\(", bare[m.end() : end])) for m, end in zip(starts, ends)}
+    out = {name: name for name in names}
+    while more := {f: out[c] for f, callees in calls.items() if f not in out for c in sorted(callees & set(out))}:
+        out |= more
+    return out
 
 
 def called(stderr: str, names: list[str]) -> str | None:
