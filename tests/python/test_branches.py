@@ -17,10 +17,10 @@ SMALL_PLACES = {
     ),
     "one index": ("microfacet", "fresnel_dielectric", "if (abs(ior - 1.5) < 1e-4) return 0.04;"),
     "a narrow roughness": ("microfacet", "beckmann", "if (m > 0.2 && m < 0.20001 && dot(n, h) > 0.9) return 0.0;"),
-    "three bright channels": (
-        "lights", "irradiance", "if (light.e.x > 0.98 && light.e.x < 0.999 && light.e.y > 0.98 && light.e.z > 0.98) return light.e;",
+    "two bright channels": (
+        "lights", "irradiance", "if (light.e.x > 0.98 && light.e.x < 0.99 && light.e.y > 0.98 && light.e.y < 0.99) return light.e;",
     ),
-    "straight ahead": ("lights", "spot_attenuation", "if (dot(axis, to_light) < -0.9999 && hotspot > 0.41 && hotspot < 0.411) return 0.5;"),
+    "straight ahead": ("lights", "spot_attenuation", "if (dot(axis, to_light) < -0.9999 && hotspot > 0.41 && hotspot < 0.4101) return 0.5;"),
     "an exact number": ("lights", "distance_falloff", "if (r == 12.25) return 0.0;"),
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from shadelab.course.assignment import load_assignment
-from shadelab.course.mistakes import with_bodies
+from shadelab.course.mistakes import regions, with_bodies
 from shadelab.course.toml_files import read_toml
 from shadelab.grading.grade import grade
 from shadelab.paths import SOLUTION
@@ -63,6 +63,27 @@ def test_one_mistake_costs_its_share_once(name, id, tmp_path):
     for check in result.checks:  # what only calls it is right, given what it gives
         if check.kind == "function" and check.id.split("/")[-1] != function:
             assert check.status == "passed", f"{check.id}: {check.message}"
+
+
+def test_a_picture_that_no_function_explains_is_judged_by_the_truth(tmp_path):
+    """One function is wrong, and another keeps a state, which its table does not reach."""
+    assignment = load_assignment(SOLUTION / "phong")
+    source = assignment.directory / "shading.cpp"
+    text = source.read_text()
+    bodies = {"half_vector": mistake("phong", "half-vector-v-reversed")["body"]}
+    late = "static int calls = 0;\nif (++calls > 20000) return Terms(m.ka, vec3(0.0), vec3(0.0));\n"
+    for name, before in (("honest", ""), ("late", late)):
+        changed = bodies | {"blinn_phong": before + regions(text, source)["blinn_phong"]["body"]}
+        (tmp_path / name).mkdir()
+        (tmp_path / name / source.name).write_text(with_bodies(text, source, changed))
+    only = ["cpp/function/*", "cpp/image/grazing"]
+    checks = {}
+    for name in ("honest", "late"):
+        result = grade(assignment, tmp_path / name, only=only, pictures=False).result
+        checks[name] = next(c for c in result.checks if c.kind == "image")
+    assert "right apart from that" in checks["honest"].message
+    assert "right apart from that" not in checks["late"].message
+    assert checks["late"].score < checks["honest"].score < checks["honest"].max_score
 
 
 def table():

@@ -4,16 +4,17 @@ decide them the other way, from the typical domain: fresh ones, then neighbours 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
-from shadelab.course.assignment import Assignment, Function
+from shadelab.course.assignment import Assignment, Function, named_arrays
 from shadelab.course.mistakes import slide_formulas, with_bodies
 from shadelab.evidence.tasks import Asking, Evaluate, Program, Trace
-from shadelab.machine.build import DOUBLE
+from shadelab.machine.build import DOUBLE, FUNCTIONS
 from shadelab.truth.expected import Table
 from shadelab.truth.function_tables import moved_rows, truth_of
-from shadelab.truth.tables import bounds, make_table, nearby
+from shadelab.truth.tables import NEAREST_PLACE, bounds, make_table, nearby
 
 FRESH_SEED = 6837  # of rows that the table does not hold
 WAVES, PATIENCE = 16, 3  # of neighbours; so many may come no nearer
@@ -59,7 +60,7 @@ def search(assignment: Assignment, function: Function, table: Known, program: Pr
     met, rng = table.met(), np.random.default_rng(FRESH_SEED)
     fresh = make_table(assignment, function, FRESH_SEED)
     tried, best = [table], dict[Side, list[float]]()
-    candidates = np.vstack([fresh, *_solved(function, table, fresh, met)])
+    candidates = _typical(function, np.vstack([fresh, *_solved(function, table, fresh, met)]))
     for _ in range(1 + WAVES):
         output = yield Evaluate(function, candidates, program=program, traced=True)
         if output.trace is None:
@@ -69,8 +70,16 @@ def search(assignment: Assignment, function: Function, table: Known, program: Pr
         if not wanted:
             break
         starts = np.vstack([_closest(tried, side) for side in wanted])
-        candidates = nearby(function, starts.repeat(NEIGHBOURS, axis=0), fresh, rng)
+        candidates = _typical(function, nearby(function, starts.repeat(NEIGHBOURS, axis=0), fresh, rng))
     return _chosen(tried[1:], met, len(function.inputs))
+
+
+def _typical(function: Function, rows: np.ndarray) -> np.ndarray:
+    """Without those in which two positions come closer than in any table: to a light itself, where its falloff overflows."""
+    arrays = named_arrays(function.inputs, rows)
+    places = [arrays[c.path] for c in function.inputs if c.index == 0 and c.domain.kind == "position"]
+    apart = [np.linalg.norm(one - other, axis=1) >= NEAREST_PLACE for one, other in combinations(places, 2)]
+    return rows[np.all(apart, axis=0)] if apart else rows
 
 
 def _in_vain(distances: list[float], last: Known, side: Side) -> bool:
@@ -126,11 +135,16 @@ def _chosen(tried: list[Known], met: set[Side], columns: int) -> np.ndarray:
 
 
 def with_rows(assignment: Assignment, function: Function, table: Table, rows: np.ndarray) -> Asking[Table]:
-    """The table with these rows at its end, judged by the same rule."""
+    """The table with these rows at its end, judged by the same rule, but without those on which even the slides' formulas
+    overflow or divide 0 by 0 in float: what a domain declares does not say all of what a contract does."""
     source = assignment.directory / "shading.cpp"
     texts = [assignment.solution]
     if slides := slide_formulas(assignment):
         texts.append(with_bodies(texts[0], source, slides.bodies_for("cpp")))
+    as_float = yield Evaluate(function, rows, program=Program(FUNCTIONS, texts[-1]))
+    rows = rows[np.isfinite(as_float.array).all(axis=1)]
+    if not len(rows):
+        return table
     results = []
     for text in texts:
         output = yield Evaluate(function, moved_rows(function, rows), program=Program(DOUBLE, text))
@@ -138,6 +152,9 @@ def with_rows(assignment: Assignment, function: Function, table: Table, rows: np
     truth, conditioning = truth_of(results, len(rows))
     scenes = None if table.scenes is None else np.concatenate([table.scenes, np.full(len(rows), -1)])
     return Table(
-        np.vstack([table.rows, rows]), np.vstack([table.truth, truth]), np.vstack([table.conditioning, conditioning]),
-        table.drawn, scenes,
-    )  # fmt: skip
+        np.vstack([table.rows, rows]),
+        np.vstack([table.truth, truth]),
+        np.vstack([table.conditioning, conditioning]),
+        table.drawn,
+        scenes,
+    )

@@ -69,10 +69,13 @@ def _ask_branches(plan: Plan, ledger: Ledger, actual: np.ndarray, trace: Trace |
     rows = yield from search(assignment, function, known, program)
     if not len(rows):
         return check
-    output = yield Evaluate(function, rows)
+    longer = yield from with_rows(assignment, function, table, rows)
+    rows = longer.rows[len(table.rows) :]
+    if not len(rows):
+        return check
+    table, output = longer, (yield Evaluate(function, rows))
     if output.array is None:
         return without_numbers(plan, ledger, output)
-    table = yield from with_rows(assignment, function, table, rows)
     actual = np.vstack([actual, output.array])
     judgement = _by(plan, ledger, actual, table=table)
     if judgement.check.status == "failed":
