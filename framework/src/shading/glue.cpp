@@ -80,6 +80,12 @@ std::string fragment_variable(const Manifest& manifest, const std::string& decla
     return "";
 }
 
+/// Whether the assignment declares the function itself; else an earlier one gives it.
+bool is_own(const Manifest& manifest, const std::string& name) {
+    return std::any_of(manifest.functions.begin(), manifest.functions.end(),
+                       [&](const Function& function) { return function.name == name; });
+}
+
 /// How a loop calls one of the assignment's functions: with -DSHADELAB_FOLLOW, what is recorded stands in for it.
 std::string followable(const std::string& function) {
     return "SHADELAB_CALL(" + function + ")";
@@ -93,15 +99,15 @@ std::string call_model(const Manifest& manifest, const Function& model, bool cpp
         const std::string own = fragment_variable(manifest, name, cpp);
         arguments.push_back(own.empty() ? "incident." + name : own);
     }
-    return (cpp ? followable(model.name) : model.name) + "(" + join(arguments, ", ") + ")";
+    const bool followed = cpp && is_own(manifest, model.name);
+    return (followed ? followable(model.name) : model.name) + "(" + join(arguments, ", ") + ")";
 }
 
 /// `incident_light(light, x)`. In C++ it is the function of that name, given or the student's own: a helper of the student's with
 /// the same name does not get in the way.
 std::string call_light(const Manifest& manifest, const std::string& light, bool cpp) {
     const std::string& name = manifest.interface.light_function;
-    const bool own = std::any_of(manifest.functions.begin(), manifest.functions.end(),
-                                 [&](const Function& function) { return function.name == name; });
+    const bool own = is_own(manifest, name);
     std::vector<std::string> arguments;
     for (const Value& argument : manifest.find_function(name)->arguments)
         arguments.push_back(argument.type == "Light" ? light : fragment_variable(manifest, argument.name, cpp));

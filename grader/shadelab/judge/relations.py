@@ -201,7 +201,8 @@ def of_factors(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[np.nda
                 size = np.abs(outputs[..., columns])
                 large = np.isfinite(size) & (size > 0.02 * np.nanmax(size, axis=(1, 2), keepdims=True))
                 ratio = np.where(large, compared.actual[:, columns] / outputs[..., columns], np.nan)
-                y, at = np.nanmean(ratio, axis=2), np.where(large.any(axis=2), x, np.nan)  # (C, K)
+                y = np.nansum(ratio, axis=2) / np.isfinite(ratio).sum(axis=2)  # (C, K); NaN where there is none
+                at = np.where(large.any(axis=2), x, np.nan)
                 weight = 1 / np.maximum(np.abs(y), 1e-9) ** 2
                 total = np.nansum(np.where(np.isfinite(y * at), weight, 0), axis=1)
                 mean_x, mean_y = np.nansum(weight * at, axis=1) / total, np.nansum(weight * y, axis=1) / total
@@ -378,8 +379,9 @@ def of_directions(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
             smallest = np.abs(c)[np.abs(c) > 0.02 * np.abs(c).max()].min()
             said = _combination({n: k / smallest for n, k in zip(names, c) if abs(k) > 0.02 * np.abs(c).max()})
             size = np.linalg.norm(pointing, axis=1)
-            ratio = np.median(length[use] / size[use])
-            constant = np.abs(length[use] / size[use] / ratio - 1) < 0.01
+            with np.errstate(all="ignore"):
+                ratio = np.median(length[use] / size[use])
+                constant = np.abs(length[use] / size[use] / ratio - 1) < 0.01
             factor = (
                 ratio
                 if constant.mean() > 0.9
