@@ -36,7 +36,12 @@ def graded(name, function, before, folder):
     return {check.backend: check for check in result.checks if check.kind == "function"}
 
 
-@pytest.mark.parametrize("place", SMALL_PLACES)
+QUICK = ("one exponent", "two bright channels", "an exact number")
+
+
+@pytest.mark.parametrize(
+    "place", [pytest.param(p, marks=[] if p in QUICK else [pytest.mark.slow]) for p in SMALL_PLACES]
+)
 def test_a_small_place_is_found_by_the_comparison_that_makes_it(place, tmp_path):
     for backend, check in graded(*SMALL_PLACES[place], tmp_path).items():
         assert check.status == "failed", backend

@@ -10,7 +10,7 @@ from shadelab.paths import SOLUTION
 from shadelab.words import BACKENDS
 
 
-def without(name, function, folder):
+def without(name, function, folder, only="*"):
     """The solution without one of its functions; the checks by id."""
     assignment = load_assignment(SOLUTION / name)
     for backend in BACKENDS:
@@ -18,7 +18,7 @@ def without(name, function, folder):
         text, count = re.subn(rf"^\w+ {function}\([^;{{]*\) \{{.*?^\}}\n", "", text, flags=re.MULTILINE | re.DOTALL)
         assert count == 1
         (folder / f"shading.{backend}").write_text(text)
-    return {check.id: check for check in grade(assignment, folder, pictures=False).result.checks}
+    return {check.id: check for check in grade(assignment, folder, only=only, pictures=False).result.checks}
 
 
 def test_without_the_worked_example_everything_else_is_graded(tmp_path):
@@ -32,7 +32,7 @@ def test_without_the_worked_example_everything_else_is_graded(tmp_path):
 
 
 def test_without_a_graded_function_what_calls_it_says_so(tmp_path):
-    checks = without("phong", "half_vector", tmp_path)
+    checks = without("phong", "half_vector", tmp_path, ["*/build", "*/function/*", "*/image/sphere", "*/image/grazing"])
     for backend in BACKENDS:
         assert checks[f"{backend}/build"].status == "passed"
         for function in ("mirror_direction", "phong_lobe", "phong"):
@@ -42,6 +42,8 @@ def test_without_a_graded_function_what_calls_it_says_so(tmp_path):
             assert (check.status, check.score) == ("failed", 0.0)
             assert "half_vector is missing" in check.message, check.message
             assert "declare it as vec3 half_vector(vec3 l, vec3 v)" in check.message
+        drawn = {name: checks[f"{backend}/image/{name}"] for name in ("sphere", "grazing")}
+        assert drawn["sphere"].status == "passed" and "half_vector is missing" in drawn["grazing"].message
 
 
 @pytest.mark.parametrize("spelt", ["half_Vector", "halfvector"])

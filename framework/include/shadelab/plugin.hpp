@@ -55,7 +55,7 @@ struct Table {
 };
 
 // A plugin that was compiled with -DSHADELAB_FOLLOW asks before each call of one of the assignment's functions, from another or
-// from a loop, whether the result is known already: follow-through, where outputs that were recorded elsewhere stand in for a function.
+// from a loop, whether the result is known already: follow-through, where recorded outputs stand in for a function.
 
 inline constexpr const char* follow_symbol = "shadelab_follow";
 

@@ -11,9 +11,9 @@ extern "C" {
 // Always called, never compared with null: that comparison would be traced, too.
 __attribute__((visibility("default"))) shadelab::plugin::Trace shadelab_trace = shadelab::plugin::trace_nothing;
 
-#define SHADELAB_TRACED(name, type, number)                                         \
-    void __sanitizer_cov_trace_##name(type a, type b) {                             \
-        shadelab_trace(__builtin_return_address(0), number(a), number(b));          \
+#define SHADELAB_TRACED(name, type, number)                                \
+    void __sanitizer_cov_trace_##name(type a, type b) {                    \
+        shadelab_trace(__builtin_return_address(0), number(a), number(b)); \
     }
 SHADELAB_TRACED(cmpf, float, double)
 SHADELAB_TRACED(cmpd, double, double)

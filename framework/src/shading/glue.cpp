@@ -87,9 +87,7 @@ bool is_own(const Manifest& manifest, const std::string& name) {
 }
 
 /// How a loop calls one of the assignment's functions: with -DSHADELAB_FOLLOW, what is recorded stands in for it.
-std::string followable(const std::string& function) {
-    return "SHADELAB_CALL(" + function + ")";
-}
+std::string followable(const std::string& function) { return "SHADELAB_CALL(" + function + ")"; }
 
 /// `model(m, n, incident.l, v)`: after the material come what the fragment holds and members of what the light function gives.
 std::string call_model(const Manifest& manifest, const Function& model, bool cpp) {

@@ -58,7 +58,7 @@ class Mutant:
 
 
 @dataclass(frozen=True)
-class Probe:
+class InnerQuantity:
     """A body that gives an inner quantity in the place of the result: what a local or a called function stands for."""
 
     words: str  # "n.l", "fresnel_schlick", "t"
@@ -122,7 +122,7 @@ def mutants(function: str, body: str, scope: Scope | None = None) -> list[Mutant
     return out
 
 
-def probes(function: Function, body: str, scope: Scope) -> list[Probe]:
+def probes(function: Function, body: str, scope: Scope) -> list[InnerQuantity]:
     """Of what has words."""
     return list(_Breeder(body, scope).probes(function))
 
@@ -152,7 +152,7 @@ class _Breeder:
                     if statement.expressions:
                         self.meanings[statement.name] = statement.expressions[0]
 
-    def probes(self, function: Function) -> Iterator[Probe]:
+    def probes(self, function: Function) -> Iterator[InnerQuantity]:
         seen: set[str] = set()
         for statement in self.statements:
             values = statement.expressions[1:] if statement.kind == "assign" else statement.expressions
@@ -170,11 +170,11 @@ class _Breeder:
                     seen.add(words)
                     yield from self._probe(function, words, statement.name, statement.type, statement.end)
 
-    def _probe(self, function: Function, words: str, value: str, type: str, at: int) -> Iterator[Probe]:
+    def _probe(self, function: Function, words: str, value: str, type: str, at: int) -> Iterator[InnerQuantity]:
         texts = [self._as(function.returns, text, type) for text in (value, f"({value} + 1.0)")]
         if all(texts):
             bodies = [f"{self.body[:at]};\nreturn {text};" for text in texts]
-            yield Probe(words, function.name, *bodies, 3 if type == "vec3" else 1)
+            yield InnerQuantity(words, function.name, *bodies, 3 if type == "vec3" else 1)
 
     def _as(self, returns: str, value: str, type: str) -> str:
         """A quantity as a function's result; empty where it does not fit into one."""

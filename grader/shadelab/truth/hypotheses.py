@@ -11,7 +11,7 @@ import numpy as np
 
 from shadelab.course.assignment import Function, named_arrays
 from shadelab.course.mistakes import SLIDES, load_changes, regions
-from shadelab.course.mutants import Mutant, Probe, Scope, mutants, probes
+from shadelab.course.mutants import InnerQuantity, Mutant, Scope, mutants, probes
 from shadelab.evidence.tasks import Evaluate
 from shadelab.machine.build import DOUBLE
 from shadelab.truth.expected import Hypothesis, Table, with_callers
@@ -153,9 +153,9 @@ class _ChangedReferences:
         self.reaching: set[str] = (
             set()
         )  # bodies of which callers are asked, too: what they may do over again themselves
-        self.probes: list[Probe] = []
+        self.probes: list[InnerQuantity] = []
         bodies = dict(enumerate(self._bred(), 1))
-        self.asked: dict[int, Probe] = {}  # by the number of its body; the moved one has the next
+        self.asked: dict[int, InnerQuantity] = {}  # by the number of its body; the moved one has the next
         for probe in self.probes:
             number = len(bodies) + 1
             self.asked[number] = probe
