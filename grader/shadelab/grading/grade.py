@@ -96,7 +96,18 @@ def grade(
         untouched = stubs.not_begun(assignment, taken)
         drawn = kept or PictureFolder(work / FOLDER, kept=False)
         ledgers = {
-            backend: Ledger(backend, assignment, expected, drawn, pictures, taken, work / backend, stop, plans[backend])
+            backend: Ledger(
+                backend,
+                assignment,
+                expected,
+                drawn,
+                pictures,
+                taken,
+                work / backend,
+                stop,
+                plans[backend],
+                untouched[backend],
+            )
             for backend in BACKENDS
             if plans[backend]
         }

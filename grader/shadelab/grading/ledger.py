@@ -26,8 +26,11 @@ class Ledger:
     folder: Path  # for files of this language's checks
     stop: threading.Event  # set when the user interrupts
     plans: list[Plan]  # what is to be checked, the build first
+    untouched: set[str] = field(default_factory=set)  # functions that are the starter's still
     checks: dict[str, Check] = field(default_factory=dict)  # those that have their verdict, by id
     outputs: dict[str, np.ndarray] = field(default_factory=dict)  # by function: what came on its table
+    # By function: what came for arguments with which a reference calls it (their float32 bytes).
+    answered: dict[str, dict[bytes, np.ndarray]] = field(default_factory=dict)
     judged: dict[str, FunctionJudgement] = field(default_factory=dict)
     diagnoses: dict[str, Diagnosis] = field(default_factory=dict)
     hung: set[str] = field(default_factory=set)  # ids of checks in which a function did not end

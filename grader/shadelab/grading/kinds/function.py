@@ -1,10 +1,12 @@
 """One function over its table."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from shadelab.course.assignment import Assignment, Function
 from shadelab.course.mistakes import load_changes
-from shadelab.evidence.tasks import Asking, Evaluate, Program, Trace
+from shadelab.evidence.tasks import Asking, Evaluate, Output, Program, T, Trace
 from shadelab.grading.branches import Known, search, with_rows
 from shadelab.grading.ledger import Ledger
 from shadelab.grading.plan import Plan
@@ -110,13 +112,15 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
     ]
     other = None  # by the truth with what these give
     for reference in _references(ledger, function) if wrong else []:
-        followed = yield from _follow(ledger, function, wrong, reference)
-        by = _by(plan, ledger, actual, followed) if followed is not None else None
-        if by is not None and by.check.status == "passed":
+        followed = yield from _remembering(ledger, _follow(ledger, function, wrong, reference))
+        if followed is None:
+            break  # nothing to be right about, in any algebra
+        by = _by(plan, ledger, actual, followed)
+        if by.check.status == "passed":
             ledger.judged[function.name] = by
             by.check.message = f"right, given what your {listed(wrong)} gives"
             return by.check
-        if by is not None and (other is None or by.check.score > other.check.score):
+        if other is None or by.check.score > other.check.score:
             other = by
     if other is not None and other.check.score > judgement.check.score:
         judgement = ledger.judged[function.name] = other
@@ -127,7 +131,7 @@ def _judge(plan: Plan, ledger: Ledger, actual: np.ndarray) -> Asking[Check]:
     patient = Patient(function, judgement, actual, known, changed, inner, right)
     found = diagnose_declared(patient)
     if found is None and other is not None and patient.written:
-        own = yield from _followed_mistakes(ledger, function, wrong)
+        own = yield from _remembering(ledger, _followed_mistakes(ledger, function, wrong))
         found = diagnose_declared(Patient(function, other, actual, own, [], {}, right))
     found = found or diagnose_by_search(patient)
     check, ignored = judgement.check, []
@@ -212,11 +216,33 @@ def _solution(ledger: Ledger) -> FollowedSolution:
 def _references(ledger: Ledger, function: Function) -> list[FollowedSolution]:
     """The solution, and the correct programs that compute this function another way: on top of a wrong callee these differ. A
     release has no solution, and no follow-through."""
-    if ledger.assignment.solution is None:
+    if ledger.assignment.solution is None or function.name in ledger.untouched:
         return []
     solution = _solution(ledger)
     variants = load_changes(ledger.assignment).variant
     return [solution, *(solution.as_if(v) for v in variants if function.name in v.bodies_for("cpp"))]
+
+
+def _remembering(ledger: Ledger, asking: Asking[T]) -> Asking[T]:
+    """Asks the student's functions for no inputs twice: one reference calls them much as another does."""
+    answer = None
+    while True:
+        try:
+            question = asking.send(answer)
+        except StopIteration as end:
+            return end.value
+        if question.program is not None:
+            answer = yield question
+            continue
+        known = ledger.answered.setdefault(question.function.name, {})
+        keys = [row.tobytes() for row in np.ascontiguousarray(question.rows, np.float32)]
+        new = np.array([key not in known for key in keys])
+        answer = Output(array=np.empty((0, len(question.function.outputs)), np.float32))
+        if new.any():
+            answer = yield replace(question, rows=question.rows[new])
+        if answer.array is not None:
+            known.update(zip([key for key, asked in zip(keys, new) if asked], answer.array))
+            answer = replace(answer, array=np.array([known[key] for key in keys]))
 
 
 def _follow(

@@ -81,7 +81,7 @@ def _judge(plan: Plan, ledger: Ledger, output: Output) -> Check:
 def _follow(check: Check, ledger: Ledger, scene: Scene, used: set[str], layers: np.ndarray) -> Asking[bool]:
     """A picture that the student's wrong functions make of the reference loses the share of its points that these functions
     lost of theirs: a mistake costs its own share of each picture, and no more."""
-    if not _wrong(ledger, used):
+    if not _wrong(ledger, used) or ledger.untouched & set(scene.described.calls):
         return False
     if ledger.followed is None:
         ledger.followed = yield from _all_followed(ledger)
@@ -101,6 +101,7 @@ def _all_followed(ledger: Ledger) -> Asking[dict[str, np.ndarray]]:
     """Of all scenes at once, since it takes about as long as of one. A release has no solution, and follows nothing."""
     wrong = [ledger.assignment.function(name) for name in _wrong(ledger, set(ledger.judged))]
     scenes = [plan.item for plan in ledger.plans if plan.kind == NAME and not plan.item.missing_meshes()]
+    scenes = [scene for scene in scenes if not ledger.untouched & set(scene.described.calls)]
     scenes = [scene for scene in scenes if _wrong(ledger, functions_used(scene, ledger))]
     if ledger.assignment.solution is None or not scenes:
         return {}
