@@ -69,7 +69,8 @@ def check(assignment: Assignment, progress: Callable[[str, int, int], None], ima
         only: str | set[str] = "*"
         if kind == "crossed" or (kind == "mistake" and not images):
             functions = with_callers({change.function}, expected.facts.calls)
-            only = {f"{backend}/function/{name}" for backend in BACKENDS for name in functions}
+            languages = ["cpp"] if kind == "crossed" else BACKENDS  # the algebra is the same in both
+            only = {f"{backend}/function/{name}" for backend in languages for name in functions}
         grading = grade(assignment, folder, only=only, pictures=False)
         row = _judge(assignment, name, kind, change, grading, images)
         shutil.rmtree(scratch / name, ignore_errors=True)
