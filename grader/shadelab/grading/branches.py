@@ -17,7 +17,7 @@ from shadelab.truth.function_tables import moved_rows, truth_of
 from shadelab.truth.tables import NEAREST_PLACE, bounds, make_table, nearby
 
 FRESH_SEED = 6837  # of rows that the table does not hold
-WAVES, PATIENCE = 16, 3  # of neighbours; so many may come no nearer
+WAVES, PATIENCE = 8, 2  # of neighbours; so many may come no nearer
 CLOSEST, NEIGHBOURS = 12, 32  # for each comparison: from so many rows, so many neighbours each
 MOST_SIDES = 24  # that are searched for at once
 KEPT = 12  # rows that are judged for each side that was found
@@ -86,7 +86,7 @@ def _in_vain(distances: list[float], last: Known, side: Side) -> bool:
     """Whether the last PATIENCE waves came no nearer: most such sides are guards against what never happens."""
     before = min(distances[:-PATIENCE], default=np.inf)
     distances.append(float(last.distance(side).min()))
-    return len(distances) > PATIENCE and min(distances[-PATIENCE:]) > 0.7 * before
+    return len(distances) > PATIENCE and min(distances[-PATIENCE:]) > 0.5 * before
 
 
 def _open_sides(tried: list[Known]) -> list[Side]:
