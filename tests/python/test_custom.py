@@ -258,6 +258,7 @@ def test_a_file_that_cannot_be_loaded_is_ours(custom):
     assert checks["never"].status == "error" and "no_such_module" in checks["never"].message
 
 
+@pytest.mark.slow  # a root of its own makes its expected data
 def test_an_error_is_exit_code_3(with_checks, shadelab):
     root = with_checks("def test_divides():\n    1 / 0\n")
     arguments = ["grade", LIGHTS, "--only", "cpp/custom/*", "--json", "-"]

@@ -476,7 +476,7 @@ def _plainest(found: list[Explanation]) -> Explanation | None:
         return None
     least = max(e.margin for e in found)
     near = [e for e in found if e.margin * MARGIN > least]
-    first, *others = sorted(near, key=lambda e: e.plain)
+    first, *others = sorted(near, key=lambda e: (e.plain, -e.margin))
     other = next(
         (e for e in others if e.plain == first.plain and e.words != first.words and e.left <= first.left), None
     )

@@ -199,7 +199,8 @@ def of_factors(compared: Compared, outputs: np.ndarray) -> Iterator[tuple[np.nda
                 yield outputs * (x**power)[:, None], partial(_times_a_quantity, name, power, words)
             if name in scalars:
                 size = np.abs(outputs[..., columns])
-                large = np.isfinite(size) & (size > 0.02 * np.nanmax(size, axis=(1, 2), keepdims=True))
+                largest = np.max(np.where(np.isfinite(size), size, 0.0), axis=(1, 2), keepdims=True)
+                large = np.isfinite(size) & (size > 0.02 * largest)
                 ratio = np.where(large, compared.actual[:, columns] / outputs[..., columns], np.nan)
                 y = np.nansum(ratio, axis=2) / np.isfinite(ratio).sum(axis=2)  # (C, K); NaN where there is none
                 at = np.where(large.any(axis=2), x, np.nan)
