@@ -19,6 +19,7 @@ namespace {
 struct EvaluateOptions {
     std::string plugin, function, input, output, follow, statistics, trace;
     int repeat = 0;
+    std::vector<int> bodies;
 };
 
 // ---- the table
@@ -41,7 +42,14 @@ void evaluate(const EvaluateOptions& options, const PluginLibrary& library) {
     std::vector<Real> rows(size_t(count) * function->columns_in), results(size_t(count) * function -> columns_out);
     in.seekg(0);
     in.read(reinterpret_cast<char*>(rows.data()), std::streamsize(bytes));
-    if (options.trace.empty()) {
+    if (!options.bodies.empty()) {
+        const size_t size = results.size();
+        results.resize(size * options.bodies.size());
+        for (size_t k = 0; k < options.bodies.size(); ++k) {
+            library.choose(options.bodies[k]);
+            function->evaluate(count, rows.data(), results.data() + k * size);
+        }
+    } else if (options.trace.empty()) {
         function->evaluate(count, rows.data(), results.data());
     } else {
         Traced traced(library);
@@ -85,6 +93,10 @@ void add_evaluate(CLI::App& app) {
     command->add_option("--statistics", options->statistics, "with --repeat: write each repeat's seconds as JSON");
     command->add_option("--trace", options->trace,
                         "write what the function compares for each row, of a plugin with -DSHADELAB_TRACE");
+    command
+        ->add_option("--bodies", options->bodies,
+                     "numbers of bodies, of a plugin that has several: all rows with the first, then all with the next")
+        ->delimiter(',');
     command->callback([options] {
         const PluginLibrary library(options->plugin);
         library.is_double() ? evaluate<double>(*options, library) : evaluate<float>(*options, library);

@@ -28,7 +28,7 @@ public:
         }
     }
 
-    /// int64 S, S times int64: where the sites are, the same in every run; for each row S times two float32: the least and the
+    /// int64 S, S times int64: the sites' addresses in the plugin's file; for each row S times two float32: the least and the
     /// largest of left minus right, NaN where the row does not come there.
     void write(const std::string& file) const {
         std::vector<std::pair<int64_t, size_t>> order;

@@ -33,7 +33,14 @@
 
 namespace shadelab::math {
 
+// -DSHADELAB_CALLS: calls stay calls, for programs that take longer to compile than to run.
+#ifdef SHADELAB_CALLS
+#define SHADELAB_INLINE inline
+#define SHADELAB_INLINED
+#else
 #define SHADELAB_INLINE [[gnu::always_inline]] inline
+#define SHADELAB_INLINED __attribute__((always_inline))
+#endif
 
 namespace detail {
 

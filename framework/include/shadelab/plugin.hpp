@@ -70,4 +70,8 @@ inline constexpr const char* trace_symbol = "shadelab_trace";
 /// `site`: where the comparison stands in the code.
 using Trace = void (*)(const void* site, double left, double right);
 
+// A plugin of several bodies of the same functions reads here which of them it is to be: an int. For our own code.
+
+inline constexpr const char* chosen_symbol = "shadelab_chosen";
+
 }  // namespace shadelab::plugin

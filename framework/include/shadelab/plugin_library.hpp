@@ -21,9 +21,11 @@ public:
     /// Whom the plugin asks before it calls a function. Throws InfrastructureError when it was not compiled for that.
     template <class Real>
     void follow(plugin::Answer<Real> answer) const;
-    /// Who is told what the plugin's functions compare. Returns an address from which each site is at a fixed distance. Throws
-    /// as above.
+    /// Who is told what the plugin's functions compare. Returns where the plugin begins in memory: a site less this is its
+    /// address in the file. Throws as above.
     const char* trace(plugin::Trace told) const;
+    /// Which of several bodies it is from now on. Throws as above.
+    void choose(int body) const;
 
 private:
     void* handle_;

@@ -31,7 +31,7 @@
 
 #pragma once
 
-#ifndef GLM_FORCE_INLINE
+#if !defined(GLM_FORCE_INLINE) && !defined(SHADELAB_CALLS)
 #define GLM_FORCE_INLINE
 #endif
 #include <glm/glm.hpp>
@@ -142,12 +142,12 @@ using glm::uvec2, glm::uvec3, glm::uvec4;
     }
 
 // The vector form is more specialised than GLM's template of the same name and wins over it.
-#define SHADELAB_SCALAR_AND_VECTOR(NAME, EXPRESSION)                                     \
-    SHADELAB_SCALAR(NAME, EXPRESSION)                                                    \
-    template <glm::length_t L>                                                           \
-    SHADELAB_INLINE gen::vec<L> NAME(const gen::vec<L>& v) {                             \
-        const auto f = [](Real x) __attribute__((always_inline)) { return EXPRESSION; }; \
-        return gen::each(v, f);                                                          \
+#define SHADELAB_SCALAR_AND_VECTOR(NAME, EXPRESSION)                       \
+    SHADELAB_SCALAR(NAME, EXPRESSION)                                      \
+    template <glm::length_t L>                                             \
+    SHADELAB_INLINE gen::vec<L> NAME(const gen::vec<L>& v) {               \
+        const auto f = [](Real x) SHADELAB_INLINED { return EXPRESSION; }; \
+        return gen::each(v, f);                                            \
     }
 
 #define SHADELAB_OWN(NAME) static_cast<Real>(gen::own_math ? math::NAME(static_cast<float>(x)) : std::NAME(x))
@@ -210,7 +210,7 @@ SHADELAB_INLINE gen::Mixed<A> abs(A a) {
 
 template <glm::length_t L>
 SHADELAB_INLINE gen::vec<L> abs(const gen::vec<L>& v) {
-    const auto f = [](Real x) __attribute__((always_inline)) { return std::abs(x); };
+    const auto f = [](Real x) SHADELAB_INLINED { return std::abs(x); };
     return gen::each(v, f);
 }
 
@@ -223,9 +223,8 @@ SHADELAB_INLINE gen::Mixed<A> sign(A a) {
 
 template <glm::length_t L>
 SHADELAB_INLINE gen::vec<L> sign(const gen::vec<L>& v) {
-    return gen::each(v, [](Real x) __attribute__((always_inline)) {
-        return static_cast<Real>(x > Real(0)) - static_cast<Real>(x < Real(0));
-    });
+    return gen::each(
+        v, [](Real x) SHADELAB_INLINED { return static_cast<Real>(x > Real(0)) - static_cast<Real>(x < Real(0)); });
 }
 
 // ---- functions of several numbers --------------------------------------------------------------------------------
@@ -241,7 +240,7 @@ SHADELAB_INLINE Real pow(A a, B b) {
 
 template <glm::length_t L>
 SHADELAB_INLINE gen::vec<L> pow(const gen::vec<L>& a, const gen::vec<L>& b) {
-    const auto f = [](Real x, Real y) __attribute__((always_inline)) { return glsl::pow(x, y); };
+    const auto f = [](Real x, Real y) SHADELAB_INLINED { return glsl::pow(x, y); };
     return gen::each(a, b, f);
 }
 

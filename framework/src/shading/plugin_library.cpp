@@ -39,7 +39,15 @@ const char* PluginLibrary::trace(plugin::Trace told) const {
     auto* place = static_cast<plugin::Trace*>(dlsym(handle_, plugin::trace_symbol));
     if (!place) throw InfrastructureError("the plugin was not compiled with -DSHADELAB_TRACE");
     *place = told;
-    return reinterpret_cast<const char*>(place);
+    Dl_info where;
+    if (!dladdr(place, &where)) throw InfrastructureError("the plugin's address is not known");
+    return static_cast<const char*>(where.dli_fbase);
+}
+
+void PluginLibrary::choose(int body) const {
+    auto* place = static_cast<int*>(dlsym(handle_, plugin::chosen_symbol));
+    if (!place) throw InfrastructureError("the plugin has no bodies to choose from");
+    *place = body;
 }
 
 template void PluginLibrary::follow(plugin::Answer<float>) const;

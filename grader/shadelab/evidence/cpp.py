@@ -2,6 +2,7 @@
 task that it happened in."""
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -94,12 +95,14 @@ class CppRunner:
         task.rows.astype(real).tofile(rows)
         follow = None if task.records is None else self._write_records(task.records, real)
         trace = self.sandbox.fresh("trace.bin") if task.traced else None
-        command = renderer.evaluate(self.plugin.file, task.function.name, rows, results, follow, trace=trace)
+        command = renderer.evaluate(
+            self.plugin.file, task.function.name, rows, results, follow, trace=trace, bodies=task.bodies
+        )
         outcome = self._run(command, EVALUATE_LIMITS)
         output = Output(
             printed=outcome.stdout.decode(errors="replace"), seconds=outcome.seconds, hung=outcome.timed_out
         )
-        shape = (len(task.rows), len(task.function.outputs))
+        shape = (max(1, len(task.bodies)) * len(task.rows), len(task.function.outputs))
         if not outcome.ok:
             output.failure = self._explain(outcome, EVALUATE_LIMITS)
         elif not is_regular(results) or results.stat().st_size != shape[0] * shape[1] * np.dtype(real).itemsize:
@@ -109,7 +112,19 @@ class CppRunner:
             output.unset = _unset(output.array, task.function)
             output.missing = self._unrecorded(task, follow)
             output.trace = _read_trace(trace, len(task.rows)) if trace else None
+            if task.located and output.trace:
+                output.trace.lines = self._lines(output.trace.sites)
         return output
+
+    def _lines(self, sites: np.ndarray) -> dict[int, int]:
+        """None of what was inlined from elsewhere, such as the comparison in clamp."""
+        # What is known is where a call returns to: its line is that of the byte before.
+        addresses = [hex(int(site) - 1) for site in sites]
+        words = ("addr2line", "-e", str(self.plugin.file), *addresses)
+        outcome = self.sandbox.run(Command(words, reads=(self.plugin.file,)), EVALUATE_LIMITS)
+        said = outcome.stdout.decode(errors="replace").splitlines() if outcome.ok else []
+        found = [re.search(r"(?:^|/)shading\.cpp:(\d{1,9})\b", line) for line in said]
+        return {int(site): int(line[1]) for site, line in zip(sites, found) if line}
 
     def _unrecorded(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
         out = {}

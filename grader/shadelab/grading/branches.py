@@ -2,6 +2,7 @@
 the program names it: it compares something there. Of the comparisons that a table decides one way alone rows are searched that
 decide them the other way, from the typical domain: fresh ones, then neighbours of those that come closest."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -55,8 +56,14 @@ class Known:
         return np.where(np.isfinite(away), away, np.inf)
 
 
-def search(assignment: Assignment, function: Function, table: Known, program: Program | None) -> Asking[np.ndarray]:
-    """(M, columns) float32: rows on sides that the table does not meet. program: who is asked; None: the submission as graded."""
+@dataclass
+class Found:
+    rows: np.ndarray  # (M, columns) float32: on sides that the table does not meet
+    one_way: list[int]  # lines of comparisons of the student's own that all rows decide one way
+
+
+def search(assignment: Assignment, function: Function, table: Known, program: Program | None) -> Asking[Found]:
+    """program: who is asked; None: the submission as graded."""
     met, rng = table.met(), np.random.default_rng(FRESH_SEED)
     fresh = make_table(assignment, function, FRESH_SEED)
     tried, best = [table], dict[Side, list[float]]()
@@ -71,7 +78,24 @@ def search(assignment: Assignment, function: Function, table: Known, program: Pr
             break
         starts = np.vstack([_closest(tried, side) for side in wanted])
         candidates = _typical(function, nearby(function, starts.repeat(NEIGHBOURS, axis=0), fresh, rng))
-    return _chosen(tried[1:], met, len(function.inputs))
+    one_way = yield from _one_way(function, tried, program)
+    return Found(_chosen(tried[1:], met, len(function.inputs)), one_way)
+
+
+def _one_way(function: Function, tried: list[Known], program: Program | None) -> Asking[list[int]]:
+    """Lines of comparisons that nothing decides the other way: told, for there may be a slip in them, and not punished, for most are
+    guards against what never happens."""
+    met = Counter(site for site, _ in set().union(*(known.met() for known in tried)))
+    rows = {}  # one that comes there, by site
+    for known in tried:
+        for site, (least, _) in known.margins.items():
+            if met[site] == 1 and site not in rows:
+                rows[site] = known.rows[np.argmax(np.isfinite(least))]
+    if not rows:
+        return []
+    output = yield Evaluate(function, np.array(list(rows.values())), program=program, traced=True, located=True)
+    lines = output.trace.lines if output.trace else {}
+    return sorted({lines[site] for site in rows if site in lines})
 
 
 def _typical(function: Function, rows: np.ndarray) -> np.ndarray:

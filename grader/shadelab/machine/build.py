@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from shadelab.paths import FRAMEWORK, STATE
 
 COMPILE_LIMITS = Limits(seconds=60, memory=4 << 30)
 PLUGINS_KEPT = 1024
+HEADERS_KEPT = 3  # precompiled, of one glue: what a grading uses; 30 MB each
 HEADERS = FRAMEWORK / "include"
 
 # No fused multiply-add and no reassociation: a grade must not depend on the machine. Literals such as 2.0 are Real.
@@ -71,7 +73,7 @@ class Recipe:
     def headers(self) -> list[str]:
         """What precompiled headers must be compiled with, too."""
         unset = [_unset_pattern] if _compiler_version() >= 12 else []
-        traced = ["-fsanitize-coverage=trace-cmp"] if self.trace else []
+        traced = ["-fsanitize-coverage=trace-cmp", "-g1"] if self.trace else []  # -g1: the lines
         return [*_common, *(_warned if self.alone else []), *unset, *traced, *self.arithmetic()]
 
     @property
@@ -85,7 +87,7 @@ class Recipe:
         if self.half:
             return _half
         if self.many:
-            return [*(_double if self.double else _float), "-O0", "-w"]
+            return [*(_double if self.double else _float), "-O0", "-w", "-DSHADELAB_CALLS"]
         if self.double:
             return [*_double, "-O3", *self._architecture()] if self.columns else _double
         if self.contract:
@@ -177,7 +179,10 @@ def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
     folder = glue / "prelude.hpp.gch"
     file = folder / hashlib.sha256("\0".join(flags).encode()).hexdigest()[:16]
     # Of `half` the compiler would not use one; of `contract` and `many` there are few programs, and 30 MB each.
-    if file.exists() or recipe.contract or recipe.half or recipe.many:
+    if recipe.contract or recipe.half or recipe.many:
+        return
+    with suppress(FileNotFoundError):
+        os.utime(file)  # its age counts from the last use
         return
     with work_folder("precompile") as work:
         words = ["g++", *flags, f"-I{HEADERS}", f"-I{glue}", "-x", "c++-header", str(glue / "prelude.hpp")]
@@ -191,5 +196,7 @@ def _precompile(glue: Path, recipe: Recipe, sandbox: Sandbox) -> None:
                 folder.mkdir(exist_ok=True)
                 shutil.move(work / "gch", temporary := glue / f"gch-{os.getpid()}-{threading.get_ident()}")
                 os.replace(temporary, file)
+                for old in by_age(folder)[:-HEADERS_KEPT]:
+                    old.unlink(missing_ok=True)
             except OSError:
                 pass  # another run has thrown it away meanwhile, for younger ones

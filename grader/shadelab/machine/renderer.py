@@ -199,13 +199,14 @@ def image(description: Description, assignment: Path, plugin: Path, view: View, 
 
 def evaluate(
     plugin: Path, function: str, rows: Path, results: Path, follow: Path | None = None, repeat: int = 0,
-    statistics: Path | None = None, trace: Path | None = None,
+    statistics: Path | None = None, trace: Path | None = None, bodies: tuple[int, ...] = (),
 ) -> Command:  # fmt: skip
-    """`follow`: as of ImageFiles. `trace`: what the function compares goes there (traced.hpp)."""
+    """`follow`: as of ImageFiles. `trace`: what the function compares goes there (traced.hpp). `bodies`: as of Evaluate."""
     arguments = ["evaluate", str(plugin), function, str(rows), str(results)]
     arguments += ["--follow", str(follow)] if follow else []
     arguments += ["--repeat", str(repeat), "--statistics", str(statistics)] if statistics else []
     arguments += ["--trace", str(trace)] if trace else []
+    arguments += ["--bodies", ",".join(map(str, bodies))] if bodies else []
     writes = [f for f in (results, follow, statistics, trace) if f]
     return _command(arguments, [plugin, rows, *([follow] if follow else [])], writes)
 

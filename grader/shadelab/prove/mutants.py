@@ -82,27 +82,34 @@ def _killed(expected: Expected, function, backend: str, array: np.ndarray) -> bo
 
 
 def _judge_cpp(assignment, expected, bred: list[Mutant], folder: Path, progress) -> list[str]:
-    progress(f"{assignment.name}: mutants, C++", 0, len(bred))
-    many = ManyBodies(assignment, folder, dict(enumerate(bred)), double=False)
-    done = 0
+    """A mutant's own function first, and those that call it only for the survivors."""
+    what = f"{assignment.name}: mutants, C++"
+    progress(what, 0, len(bred))
+    many = ManyBodies(assignment, folder, {k: {m.function: m.body} for k, m in enumerate(bred)}, double=False)
+    verdicts = dict.fromkeys(many.numbers, "killed")  # until it gives numbers, and right ones
+    pending = [(k, 0) for k in many.numbers]
+    while pending:
+        asked: dict[str, list[int]] = {}
+        for k, place in pending:
+            asked.setdefault(_affected(assignment, expected, bred[k])[place].name, []).append(k)
 
-    def verdicts(part: int) -> dict[int, str]:
-        nonlocal done
-        runner, out = many.runner(f"thread-{part}"), {}
-        for number in list(many.bodies)[part::THREADS]:
-            out[number] = "alive"
-            for function in _affected(assignment, expected, bred[number]):
-                output = runner.evaluate(number, Evaluate(function, expected.table(function).rows))
-                if output.array is None or _killed(expected, function, "cpp", output.array):
-                    out[number] = "killed"
-                    break
-            done += 1
-            progress(f"{assignment.name}: mutants, C++", done, len(bred))
-        return out
+        def survivors(name: str, asked=asked) -> list[int]:
+            task = Evaluate(assignment.function(name), expected.table(assignment.function(name)).rows)
+            outputs = many.evaluate(asked[name], task, name)
+            return [k for k, output in outputs if not _killed(expected, task.function, "cpp", output)]
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        found = {number: verdict for part in pool.map(verdicts, range(THREADS)) for number, verdict in part.items()}
-    return [found.get(number, "stillborn") for number in range(len(bred))]
+        with ThreadPoolExecutor(THREADS) as pool:
+            alive = {k for found in pool.map(survivors, asked) for k in found}
+        again = []
+        for k, place in pending:
+            last = place + 1 == len(_affected(assignment, expected, bred[k]))
+            if k in alive and last:
+                verdicts[k] = "alive"
+            elif k in alive:
+                again.append((k, place + 1))
+        pending = again
+        progress(what, len(bred) - len(pending), len(bred))
+    return [verdicts.get(number, "stillborn") for number in range(len(bred))]
 
 
 def _judge_glsl(assignment, expected, bred: list[Mutant], folder: Path, progress) -> list[str]:

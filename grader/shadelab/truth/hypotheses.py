@@ -15,7 +15,7 @@ from shadelab.course.mutants import InnerQuantity, Mutant, Scope, mutants, probe
 from shadelab.evidence.tasks import Evaluate
 from shadelab.machine.build import DOUBLE
 from shadelab.truth.expected import Hypothesis, Table, with_callers
-from shadelab.truth.many import ManyBodies
+from shadelab.truth.many import ROWS_AT_ONCE, ManyBodies
 from shadelab.truth.measures import function_members, scaled_error
 from shadelab.truth.tables import renormalised
 from shadelab.truth.transforms import Transform, transforms
@@ -30,7 +30,6 @@ LONG = 12  # words
 # Of a function: the slides' body, its own and its first variants', of which mutants are bred; and those of which inner quantities
 # are kept.
 BODIES, PROBED = 4, 2
-ROWS_AT_ONCE = 200_000
 
 
 def make_hypotheses(workshop: Workshop, tables: dict[str, Table], calls: dict[str, list[str]]) -> dict[str, np.ndarray]:
@@ -106,6 +105,7 @@ class _Kept:
         self.table, self.members = table, function_members(function)
         self.some = np.sort(np.random.default_rng(len(table.rows)).permutation(len(table.rows))[:KEPT])
         self.found: list[Hypothesis] = []
+        self.alike: dict[tuple[bool, bytes], list[int]] = {}  # places in `found`, by everywhere and rows
         self.transforms = 0  # how many of them are of changed arguments
         self.doubled: set[str] = set()  # words of those that have two
 
@@ -117,23 +117,32 @@ class _Kept:
         rows = np.flatnonzero(differs) if narrow else self.some
         with np.errstate(over="ignore"):  # infinite, as in the student's float32
             one = Hypothesis(words, function, rows, output[rows].astype(np.float32), narrow)
-        for k, other in enumerate(self.found):
-            if self._same(one, other):
-                # A changed argument may do what a changed line does: both are told.
-                if k < self.transforms and other.words not in self.doubled and number_of_words(words) < LONG:
-                    self.doubled.add(f"{other.words}, or {words}")
-                    self.found[k] = replace(other, words=f"{other.words}, or {words}")
-                return
-        self.found.append(one)
+        alike = self.alike.setdefault((one.everywhere, one.rows.tobytes()), [])
+        k = self._same(one, alike)
+        if k is None:
+            alike.append(len(self.found))
+            self.found.append(one)
+            return
+        other = self.found[k]
+        # A changed argument may do what a changed line does: both are told.
+        if k < self.transforms and other.words not in self.doubled and number_of_words(words) < LONG:
+            self.doubled.add(f"{other.words}, or {words}")
+            self.found[k] = replace(other, words=f"{other.words}, or {words}")
 
-    def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
-        if one.everywhere != other.everywhere or len(one.rows) != len(other.rows) or (one.rows != other.rows).any():
-            return False
+    def _same(self, one: Hypothesis, alike: list[int]) -> int | None:
+        """The first of them that gives the same."""
+
+        def close(values: np.ndarray, others: np.ndarray) -> np.ndarray:
+            near = np.isclose(values, others, rtol=SAME, atol=0, equal_nan=True)
+            return near.reshape(len(others), -1).mean(axis=1) >= 0.99
+
         few = slice(0, 8)  # most differ there already
-        for part in (few, slice(None)):
-            if np.isclose(one.values[part], other.values[part], rtol=SAME, atol=0, equal_nan=True).mean() < 0.99:
-                return False
-        return True
+        if alike:
+            for place in np.flatnonzero(close(one.values[few], np.stack([self.found[k].values[few] for k in alike]))):
+                k = alike[place]
+                if close(one.values, self.found[k].values[None])[0]:
+                    return k
+        return None
 
     def arrays(self) -> dict[str, np.ndarray]:
         if not self.found:
@@ -154,13 +163,13 @@ class _ChangedReferences:
             set()
         )  # bodies of which callers are asked, too: what they may do over again themselves
         self.probes: list[InnerQuantity] = []
-        bodies = dict(enumerate(self._bred(), 1))
+        self.mutants = dict(enumerate(self._bred(), 1))
+        bodies = {number: {mutant.function: mutant.body} for number, mutant in self.mutants.items()}
         self.asked: dict[int, InnerQuantity] = {}  # by the number of its body; the moved one has the next
         for probe in self.probes:
             number = len(bodies) + 1
             self.asked[number] = probe
-            bodies[number] = Mutant(f"probe of {probe.words}", probe.function, probe.body)
-            bodies[number + 1] = Mutant(f"moved {probe.words}", probe.function, probe.moved)
+            bodies[number], bodies[number + 1] = {probe.function: probe.body}, {probe.function: probe.moved}
         self.many = ManyBodies(self.assignment, workshop.work / "changed", bodies, double=True)
 
     def _bred(self) -> list[Mutant]:
@@ -190,31 +199,26 @@ class _ChangedReferences:
         self, function: Function, calls: dict[str, list[str]], rows: np.ndarray
     ) -> Iterator[tuple[Mutant, np.ndarray]]:
         """What this function gives with those that may change it, its own first."""
-        runner = self.many.runner(function.name)
-        reach = [
-            (number, mutant)
-            for number, mutant in self.many.bodies.items()
-            if (mutant.words and mutant.function == function.name)
-            or (mutant.body in self.reaching and function.name in with_callers({mutant.function}, calls))
+        own = [number for number, mutant in self.mutants.items() if mutant.function == function.name]
+        callees = [
+            number
+            for number, mutant in self.mutants.items()
+            if mutant.function != function.name
+            and mutant.body in self.reaching
+            and function.name in with_callers({mutant.function}, calls)
         ]
-        for number, mutant in sorted(reach, key=lambda item: item[1].function != function.name):
-            output = runner.evaluate(number, Evaluate(function, rows))
-            if output.array is not None:
-                yield mutant, output.array
+        for numbers in (own, callees):
+            for number, output in self.many.evaluate(numbers, Evaluate(function, rows), function.name):
+                yield self.mutants[number], output
 
     def inner(self, function: Function, rows: np.ndarray) -> dict[str, np.ndarray]:
         """(N, 1) or (N, 3) by name: the quantities that the reference computes on its way; NaN where it does not come to one."""
-        runner, out = self.many.runner(f"{function.name}-probes"), {}
-        for number, probe in self.asked.items():
-            if (
-                probe.function != function.name
-                or probe.words in out
-                or not {number, number + 1} <= set(self.many.bodies)
-            ):
-                continue
-            values = [runner.evaluate(body, Evaluate(function, rows)).array for body in (number, number + 1)]
-            if values[0] is not None and values[1] is not None:
-                value, moved = (v[:, : probe.width] for v in values)
+        own = {number: probe for number, probe in self.asked.items() if probe.function == function.name}
+        numbers = [body for number in own for body in (number, number + 1)]
+        values, out = dict(self.many.evaluate(numbers, Evaluate(function, rows), function.name)), {}
+        for number, probe in own.items():
+            if probe.words not in out and number in values and number + 1 in values:
+                value, moved = (values[k][:, : probe.width] for k in (number, number + 1))
                 with np.errstate(over="ignore"):
                     out[probe.words] = np.where(value == moved, np.nan, value).astype(np.float32)
         return out

@@ -81,11 +81,12 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
     """All files of the expected data, but for `done`."""
     changes = load_changes(assignment)
     scenes = [scene for scene in assignment.scenes if not scene.missing_meshes()]
-    workshop = Workshop(assignment, folder, len(changes.mistake) + 2 * len(changes.variant) + 8 + len(scenes), progress)
+    workshop = Workshop(assignment, folder, 2 * len(changes.variant) + 9 + len(scenes), progress)
     for scene in scenes:
         make_packet(workshop, scene)
     loops = tuple(sorted({loop for scene in scenes for loop in scene.described.needs.loops}))
-    double = workshop.solution(Recipe(double=True, functions=False, loops=loops))
+    in_double = Recipe(double=True, functions=False, loops=loops)
+    double = workshop.solution(in_double)
     truths = {scene.name: make_truth(workshop, scene, double) for scene in scenes}
     tables, calls, recorded = make_tables(workshop, scenes, truths, PUBLIC_SEED)
     cases = make_stable_tables(workshop, PUBLIC_SEED)
@@ -99,8 +100,8 @@ def make_all(assignment: Assignment, folder: Path, progress: Progress) -> None:
         mistaken = {key: array for arrays in mistakes for key, array in arrays.items()}
     np.savez_compressed(folder / "mistakes.npz", **mistaken)
     np.savez_compressed(folder / "hypotheses.npz", **make_hypotheses(workshop, tables, calls))
-    for scene in scenes:
-        finish_scene(workshop, scene, truths[scene.name], double, drawn)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda scene: finish_scene(workshop, scene, truths[scene.name], in_double, drawn), scenes))
     hints = [{"id": m.id, "function": m.function, "hint": m.hint} for m in changes.mistake]
     facts = Facts(
         calls,

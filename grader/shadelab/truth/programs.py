@@ -1,6 +1,6 @@
 """What correct programs give, by which limits are derived, and what the declared mistakes give, by which they are known."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from shadelab.machine.build import Recipe
 from shadelab.paths import shown
 from shadelab.result import FRAMES
 from shadelab.truth.expected import Table, with_callers
+from shadelab.truth.many import ManyBodies
 from shadelab.truth.measures import function_members, row_errors, spread_of
 from shadelab.truth.workshop import PLAIN, Workshop
 from shadelab.words import BACKENDS
@@ -109,30 +110,38 @@ def record_mistakes(
 ) -> dict[str, np.ndarray]:
     """What each declared mistake gives on all inputs: its own function and, in C++, those that call it (the same numbers stand in
     for GLSL's, up to rounding). By ID/BACKEND/FUNCTION."""
-    tasks, keys = [], []
-    for mistake in changes.mistake:
-        folder = workshop.changed(mistake)
-        names = with_callers({mistake.function}, calls) if backend == "cpp" else {mistake.function}
-        for function in (f for f in workshop.assignment.functions if f.name in names):
-            tasks.append(Evaluate(function, tables[function.name].rows, folder / "shading.glsl"))
-            keys.append((mistake.id, function.name))
-    if not tasks:
+    if not changes.mistake:
         return {}
     evaluate = _in_glsl if backend == "glsl" else _in_cpp
-    named = zip(keys, evaluate(workshop, [id for id, _ in keys], tasks))
-    return {f"{id}/{backend}/{name}": o.array for (id, name), o in named if o.array is not None}
+    found = evaluate(workshop, changes.mistake, tables, calls)
+    return {f"{mistake.id}/{backend}/{name}": array for mistake, name, array in found}
 
 
-def _in_glsl(workshop: Workshop, ids: list[str], tasks: list[Evaluate]) -> Iterable[Output]:
-    runner = workshop.glsl(workshop.work / ids[0])
+Evaluated = Iterator[tuple[Change, str, np.ndarray]]  # a mistake, and what a function gives with it
+
+
+def _in_glsl(
+    workshop: Workshop, mistakes: list[Change], tables: dict[str, Table], calls: dict[str, list[str]]
+) -> Evaluated:
+    files = [workshop.changed(mistake) / "shading.glsl" for mistake in mistakes]
+    functions = [workshop.assignment.function(mistake.function) for mistake in mistakes]
+    tasks = [Evaluate(f, tables[f.name].rows, file) for f, file in zip(functions, files)]
+    runner = workshop.glsl(files[0].parent)
     with workshop.step("mistakes, GLSL"):
-        return [output for _, output in runner.run(tasks)]
+        for mistake, (_, output) in zip(mistakes, runner.run(tasks)):
+            if output.array is not None:
+                yield mistake, mistake.function, output.array
 
 
-def _in_cpp(workshop: Workshop, ids: list[str], tasks: list[Evaluate]) -> Iterable[Output]:
-    runners = {}
-    for id, task in zip(ids, tasks):
-        if id not in runners:
-            with workshop.step(id):
-                runners[id] = workshop.cpp(workshop.work / id, Recipe(loops=()), id)
-        yield runners[id].evaluate(task)
+def _in_cpp(
+    workshop: Workshop, mistakes: list[Change], tables: dict[str, Table], calls: dict[str, list[str]]
+) -> Evaluated:
+    with workshop.step("mistakes, C++"):
+        bodies = {number: mistake.bodies_for("cpp") for number, mistake in enumerate(mistakes)}
+        many = ManyBodies(workshop.assignment, workshop.work / "mistakes", bodies, double=False)
+        for number in bodies.keys() - set(many.numbers):  # says what the compiler says of it
+            workshop.cpp(workshop.changed(mistakes[number]), Recipe(loops=()), mistakes[number].id)
+        for function in workshop.assignment.functions:
+            numbers = [k for k, m in enumerate(mistakes) if function.name in with_callers({m.function}, calls)]
+            for number, array in many.evaluate(numbers, Evaluate(function, tables[function.name].rows), "mistakes"):
+                yield mistakes[number], function.name, array

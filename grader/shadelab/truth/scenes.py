@@ -6,6 +6,7 @@ from shadelab.course.assignment import Assignment, Scene, named_arrays
 from shadelab.evidence.cpp import CppRunner
 from shadelab.evidence.tasks import Draw
 from shadelab.machine import renderer
+from shadelab.machine.build import Recipe
 from shadelab.result import FRAMES
 from shadelab.truth.expected import INTERIOR, SceneTruth, largest_nearby
 from shadelab.truth.fragments import as_float
@@ -45,10 +46,12 @@ def _light(assignment: Assignment, numbers: np.ndarray) -> dict:
 
 
 def finish_scene(
-    workshop: Workshop, scene: Scene, truth: SceneTruth, double: CppRunner, programs: list[ProgramImages]
+    workshop: Workshop, scene: Scene, truth: SceneTruth, recipe: Recipe, programs: list[ProgramImages]
 ) -> None:
-    """Noise and spread of one scene, and where the solution stands in error against run time."""
-    moved = workshop.outputs(double, [Draw(scene, layers="total", shift=shift) for shift in SHIFTS], "a shift")
+    """Noise and spread of one scene, and where the solution stands in error against run time. recipe: of the truth."""
+    moved = workshop.outputs(
+        workshop.solution(recipe), [Draw(scene, layers="total", shift=shift) for shift in SHIFTS], "a shift"
+    )
     for output in moved:
         truth.noise = np.maximum(truth.noise, np.abs(output.array[..., :3] - truth.total).max(axis=2))
     truth.noise = largest_nearby(truth.noise).astype(np.float32)
