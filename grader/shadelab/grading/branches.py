@@ -83,8 +83,8 @@ def search(assignment: Assignment, function: Function, table: Known, program: Pr
 
 
 def _one_way(function: Function, tried: list[Known], program: Program | None) -> Asking[list[int]]:
-    """Lines of comparisons that nothing decides the other way: told, for there may be a slip in them, and not punished, for most are
-    guards against what never happens."""
+    """Lines of comparisons that nothing decides the other way: told, for there may be a slip in them, and not punished, for most
+    are guards against what never happens."""
     met = Counter(site for site, _ in set().union(*(known.met() for known in tried)))
     rows = {}  # one that comes there, by site
     for known in tried:
