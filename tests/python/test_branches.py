@@ -52,6 +52,15 @@ def test_a_small_place_is_found_by_the_comparison_that_makes_it(place, tmp_path)
 @pytest.mark.parametrize(
     "name,function", [("phong", "blinn_lobe"), ("microfacet", "geometry_term"), ("lights", "irradiance")]
 )
-def test_comparisons_that_change_nothing_cost_nothing(name, function, tmp_path):
+def test_comparisons_that_change_nothing_cost_nothing_and_are_told(name, function, tmp_path):
     before = "if (dot(n, n) > 1.5) return " + {"irradiance": "light.e"}.get(function, "0.0") + ";  // never"
-    assert {check.status for check in graded(name, function, before, tmp_path).values()} == {"passed"}
+    for backend, check in graded(name, function, before, tmp_path).items():
+        assert check.status == "passed"
+        file = tmp_path / f"shading.{backend}"
+        line = 1 + next(k for k, text in enumerate(file.read_text().splitlines()) if "// never" in text)
+        assert f"line {line} of {file.name}: what is compared there comes out one way" in check.message, check.message
+
+
+def test_comparisons_that_go_both_ways_are_not_told(tmp_path):
+    for check in graded("phong", "phong_lobe", "if (q > 50.0 && dot(n, l) <= 0.0) return 0.0;", tmp_path).values():
+        assert (check.status, check.message) == ("passed", "")

@@ -151,6 +151,7 @@ def test_nothing_tells_the_seed(gradings, small):
     assignment, _ = small
     grading, folder = gradings[0]
     assert grading.result.environment["seed_digest"] == assignment.hidden.seed_digest
+    assert grading.result.environment["level"] in ("plain", "v2", "v3", "v4")
     assert SEED not in assignment.hidden.seed_digest and len(assignment.hidden.seed_digest) >= 16
     files = [f for f in folder.rglob("*") if f.is_file()]
     assert {"result.json", "report.html"} < {f.name for f in files}

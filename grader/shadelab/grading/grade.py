@@ -19,6 +19,7 @@ from shadelab.grading.pictures import FOLDER, PictureFolder, Pictures
 from shadelab.grading.plan import Plan
 from shadelab.grading.planning import plan_checks
 from shadelab.grading.scheduler import Chain, judge_both
+from shadelab.machine.processor import processor_level
 from shadelab.machine.sandbox import Sandbox, work_folder
 from shadelab.paths import RECORD, ROOT, shown
 from shadelab.result import Check, Result
@@ -161,6 +162,7 @@ def environment(assignment: Assignment, expected: Expected) -> dict[str, str]:
         pass
     return {
         "cpu": cpu,
+        "level": processor_level(),
         "sandbox": Sandbox.name,
         "expected": expected.digest,
         "seed_digest": assignment.hidden.seed_digest,
