@@ -113,18 +113,26 @@ class CppRunner:
             output.missing = self._unrecorded(task, follow)
             output.trace = _read_trace(trace, len(task.rows)) if trace else None
             if task.located and output.trace:
-                output.trace.lines = self._lines(output.trace.sites)
+                output.trace.lines = self._lines(output.trace.sites, task.function)
         return output
 
-    def _lines(self, sites: np.ndarray) -> dict[int, int]:
-        """None of what was inlined from elsewhere, such as the comparison in clamp."""
+    def _lines(self, sites: np.ndarray, function: Function) -> dict[int, int]:
+        """None of what was inlined from elsewhere, such as the comparison in clamp, or stands in another function, which has a check
+        of its own."""
         # What is known is where a call returns to: its line is that of the byte before.
         addresses = [hex(int(site) - 1) for site in sites]
-        words = ("addr2line", "-e", str(self.plugin.file), *addresses)
+        words = ("addr2line", "-f", "-e", str(self.plugin.file), *addresses)
         outcome = self.sandbox.run(Command(words, reads=(self.plugin.file,)), EVALUATE_LIMITS)
         said = outcome.stdout.decode(errors="replace").splitlines() if outcome.ok else []
-        found = [re.search(r"(?:^|/)shading\.cpp:(\d{1,9})\b", line) for line in said]
-        return {int(site): int(line[1]) for site, line in zip(sites, found) if line}
+        others = "|".join(f"{len(f.name)}{f.name}" for f in self.assignment.functions if f.name != function.name)
+        out = {}
+        for site, mangled, place in zip(sites, said[::2], said[1::2]):
+            line = re.search(
+                r"/build-[0-9a-f]+/shading\.cpp:(\d{1,9})\b", place
+            )  # the student's, where it was compiled
+            if line and not re.match(f"_ZZ?(?:{others})[A-Z]", mangled):
+                out[int(site)] = int(line[1])
+        return out
 
     def _unrecorded(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
         out = {}

@@ -71,10 +71,8 @@ def _ask_branches(plan: Plan, ledger: Ledger, actual: np.ndarray, trace: Trace |
     found = yield from search(assignment, function, known, program)
     if found.one_way:
         lines = f"{'line' if len(found.one_way) == 1 else 'lines'} {listed([str(line) for line in found.one_way])}"
-        check.message = (
-            f"{lines} of {FILES[ledger.backend]}: what is compared there comes out one way for all inputs that were "
-            "tried; this costs nothing"
-        )
+        said = f"{lines} of {FILES[ledger.backend]}: what is compared there comes out one way for all inputs that were tried"
+        check.message = "; ".join(filter(None, [check.message, said + "; this costs nothing"]))
     rows = found.rows
     if not len(rows):
         return check
