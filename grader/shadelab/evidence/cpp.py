@@ -117,8 +117,8 @@ class CppRunner:
         return output
 
     def _lines(self, sites: np.ndarray, function: Function) -> dict[int, int]:
-        """None of what was inlined from elsewhere, such as the comparison in clamp, or stands in another function, which has its own
-        check."""
+        """None of what was inlined from elsewhere, such as the comparison in clamp, or stands in another function, which has its
+        own check."""
         # What is known is where a call returns to: its line is that of the byte before.
         addresses = [hex(int(site) - 1) for site in sites]
         words = ("addr2line", "-f", "-e", str(self.plugin.file), *addresses)
