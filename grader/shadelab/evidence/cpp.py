@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,15 @@ from shadelab.words import decoded, listed
 _whole = Recipe()
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a comparison stands, before anything was inlined."""
+
+    line: int | None = None  # of the student's file
+    function: str = ""  # of the assignment
+    inside_mathematics: bool = False  # in exp, log and the like
+
+
 class CppRunner:
     backend = "cpp"
 
@@ -46,6 +56,7 @@ class CppRunner:
         self.plugin: Plugin | None = None
         self.environment: dict[str, str] = {}  # of what is evaluated
         self.warnings = ""  # of the compiler, about the student's lines
+        self._places: dict[int, Place] = {}  # by site
         self._missing: dict[str, str] = {}  # functions that the file lacks, and what is said of each
 
     def build(self, folder: Path) -> None:
@@ -111,28 +122,38 @@ class CppRunner:
             output.array = np.fromfile(results, real).reshape(shape)
             output.unset = _unset(output.array, task.function)
             output.missing = self._unrecorded(task, follow)
-            output.trace = _read_trace(trace, len(task.rows)) if trace else None
-            if task.located and output.trace:
-                output.trace.lines = self._lines(output.trace.sites, task.function)
+            output.trace = self._trace(trace, task) if trace else None
         return output
 
-    def _lines(self, sites: np.ndarray, function: Function) -> dict[int, int]:
-        """None of what was inlined from elsewhere, such as the comparison in clamp, or stands in another function, which has its
-        own check."""
-        # What is known is where a call returns to: its line is that of the byte before.
-        addresses = [hex(int(site) - 1) for site in sites]
-        words = ("addr2line", "-f", "-e", str(self.plugin.file), *addresses)
+    def _trace(self, file: Path, task: Evaluate) -> Trace | None:
+        trace = _read_trace(file, len(task.rows))
+        if trace is None:
+            return None
+        self._locate([int(site) for site in trace.sites if int(site) not in self._places])
+        places = [self._places.get(int(site), Place()) for site in trace.sites]
+        own = np.array([not place.inside_mathematics for place in places], bool)
+        # Another function has a check of its own.
+        others = {f.name for f in self.assignment.functions} - {task.function.name}
+        lines = {int(s): p.line for s, p in zip(trace.sites, places) if p.line and p.function not in others}
+        return Trace(trace.sites[own], trace.least[:, own], trace.most[:, own], lines)
+
+    def _locate(self, sites: list[int]) -> None:
+        if not sites:
+            return
+        # What is known is where a call returns to: its place is that of the byte before.
+        words = ("addr2line", "-f", "-e", str(self.plugin.file), *(hex(site - 1) for site in sites))
         outcome = self.sandbox.run(Command(words, reads=(self.plugin.file,)), EVALUATE_LIMITS)
         said = outcome.stdout.decode(errors="replace").splitlines() if outcome.ok else []
-        others = "|".join(f"{len(f.name)}{f.name}" for f in self.assignment.functions if f.name != function.name)
-        out = {}
+        names = "|".join(f.name for f in self.assignment.functions)
         for site, mangled, place in zip(sites, said[::2], said[1::2]):
-            line = re.search(
-                r"/build-[0-9a-f]+/shading\.cpp:(\d{1,9})\b", place
-            )  # the student's, where it was compiled
-            if line and not re.match(f"_ZZ?(?:{others})[A-Z]", mangled):
-                out[int(site)] = int(line[1])
-        return out
+            # The student's file, where it was compiled, and not a given one.
+            line = re.search(r"/build-[0-9a-f]+/shading\.cpp:(\d{1,9})\b", place)
+            function = re.match(rf"_ZZ?\d+({names})[A-Z]", mangled)
+            self._places[site] = Place(
+                int(line[1]) if line else None,
+                function[1] if function else "",
+                "/math.hpp:" in place,
+            )
 
     def _unrecorded(self, task: Task, follow: Path | None) -> dict[str, np.ndarray]:
         out = {}

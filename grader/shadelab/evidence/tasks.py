@@ -42,7 +42,6 @@ class Evaluate:
     program: Program | None = None  # None: whoever is asked
     records: dict[str, Record] | None = None  # outputs that stand in for functions, by name (follow-through)
     traced: bool = False  # whether what the function compares is asked for, too; of C++ that is compiled for it
-    located: bool = False  # with `traced`: and in which lines it does so
     bodies: tuple[
         int, ...
     ] = ()  # of a program of several (truth/many.py): all rows with the first, then all with the next
@@ -64,15 +63,18 @@ class Draw:
 
 @dataclass
 class Trace:
-    """What a function compared: how far left of right each comparison was, by where it stands in the code."""
+    """What a function compared: how far left of right each comparison was, by where it stands in the code. Without what exp, log
+    and the like compare in their insides."""
 
     sites: np.ndarray  # (S,) int64: addresses in the program's file
     least: np.ndarray  # (N, S) float32: left minus right for each row; NaN where it does not come there
     most: np.ndarray  # the same, where a row comes there more than once
-    lines: dict[int, int] = field(default_factory=dict)  # of sites that stand in the student's file itself
+    lines: dict[int, int] = field(
+        default_factory=dict
+    )  # of sites that stand in the text of the function that was asked
 
     def first(self, rows: int) -> "Trace":
-        return Trace(self.sites, self.least[:rows], self.most[:rows])
+        return Trace(self.sites, self.least[:rows], self.most[:rows], self.lines)
 
 
 Task = Evaluate | Draw

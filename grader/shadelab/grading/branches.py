@@ -34,10 +34,12 @@ class Known:
     margins: dict[int, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict
     )  # by site: least and most, (N,) each
+    lines: dict[int, int] = field(default_factory=dict)  # by site, of those in the function's own text
 
     @classmethod
     def of(cls, rows: np.ndarray, trace: Trace) -> "Known":
-        return cls(rows, {int(s): (trace.least[:, k], trace.most[:, k]) for k, s in enumerate(trace.sites)})
+        margins = {int(s): (trace.least[:, k], trace.most[:, k]) for k, s in enumerate(trace.sites)}
+        return cls(rows, margins, trace.lines)
 
     def sides(self) -> Iterator[tuple[Side, np.ndarray]]:
         """And which rows lie there."""
@@ -78,24 +80,14 @@ def search(assignment: Assignment, function: Function, table: Known, program: Pr
             break
         starts = np.vstack([_closest(tried, side) for side in wanted])
         candidates = _typical(function, nearby(function, starts.repeat(NEIGHBOURS, axis=0), fresh, rng))
-    one_way = yield from _one_way(function, tried, program)
-    return Found(_chosen(tried[1:], met, len(function.inputs)), one_way)
+    return Found(_chosen(tried[1:], met, len(function.inputs)), _one_way(tried))
 
 
-def _one_way(function: Function, tried: list[Known], program: Program | None) -> Asking[list[int]]:
+def _one_way(tried: list[Known]) -> list[int]:
     """Lines of comparisons that nothing decides the other way: told, for there may be a slip in them, and not punished, for most
     are guards against what never happens."""
     met = Counter(site for site, _ in set().union(*(known.met() for known in tried)))
-    rows = {}  # one that comes there, by site
-    for known in tried:
-        for site, (least, _) in known.margins.items():
-            if met[site] == 1 and site not in rows:
-                rows[site] = known.rows[np.argmax(np.isfinite(least))]
-    if not rows:
-        return []
-    output = yield Evaluate(function, np.array(list(rows.values())), program=program, traced=True, located=True)
-    lines = output.trace.lines if output.trace else {}
-    return sorted({lines[site] for site in rows if site in lines})
+    return sorted({line for known in tried for site, line in known.lines.items() if met[site] == 1})
 
 
 def _typical(function: Function, rows: np.ndarray) -> np.ndarray:
