@@ -131,10 +131,11 @@ class CppRunner:
             return None
         self._locate([int(site) for site in trace.sites if int(site) not in self._places])
         places = [self._places.get(int(site), Place()) for site in trace.sites]
-        own = np.array([not place.inside_mathematics for place in places], bool)
-        # Another function has a check of its own.
-        others = {f.name for f in self.assignment.functions} - {task.function.name}
-        lines = {int(s): p.line for s, p in zip(trace.sites, places) if p.line and p.function not in others}
+        others = {f.name for f in self.assignment.functions if f.graded} - {task.function.name}
+        own = np.array([not (p.inside_mathematics or p.function in others) for p in places], bool)
+        lines = {
+            int(site): p.line for site, p in zip(trace.sites, places) if p.line and p.function == task.function.name
+        }
         return Trace(trace.sites[own], trace.least[:, own], trace.most[:, own], lines)
 
     def _locate(self, sites: list[int]) -> None:

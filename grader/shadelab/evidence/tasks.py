@@ -64,7 +64,7 @@ class Draw:
 @dataclass
 class Trace:
     """What a function compared: how far left of right each comparison was, by where it stands in the code. Without what exp, log
-    and the like compare in their insides."""
+    and the like compare in their insides, and without functions that have a check of their own."""
 
     sites: np.ndarray  # (S,) int64: addresses in the program's file
     least: np.ndarray  # (N, S) float32: left minus right for each row; NaN where it does not come there

@@ -67,25 +67,28 @@ class FollowedSolution:
         return dict(zip([scene.name for scene in scenes], images)) if images else None
 
     def _answered(self, questions: Sequence[Task], callees: list[Function]) -> Asking[list[np.ndarray] | None]:
-        """All of them with the same records, so that the student's functions are asked once for all."""
-        records = _empty(callees)
+        """The student's functions are asked once for all of them, and each is told what it asked for itself."""
+        records = [_empty(callees) for _ in questions]
         answers: dict[int, Output] = {}
         for _ in range(WAVES):
             for number, question in enumerate(questions):
                 if number not in answers or any(len(rows) for rows in answers[number].missing.values()):
-                    answers[number] = yield replace(question, records=records)
-            asked = {name: [a.missing[name] for a in answers.values() if len(a.missing[name])] for name in records}
-            if not any(asked.values()):
+                    answers[number] = yield replace(question, records=records[number])
+            asking = [n for n in answers if any(len(rows) for rows in answers[n].missing.values())]
+            if not asking:
                 return [answers[number].array for number in range(len(questions))]
-            for name, parts in asked.items():
-                if not parts:
+            for function in callees:
+                parts = [answers[number].missing[function.name] for number in asking]
+                arguments, places = np.unique(np.vstack(parts), axis=0, return_inverse=True)
+                if not len(arguments):
                     continue
-                arguments = np.unique(np.vstack(parts), axis=0)
-                came = yield Evaluate(self.assignment.function(name), arguments)
+                came = yield Evaluate(function, arguments)
                 if came.array is None:
                     return None
-                old = records[name]
-                records[name] = (np.vstack([old[0], arguments]), np.vstack([old[1], came.array]))
+                outputs = np.split(came.array[places.reshape(-1)], np.cumsum([len(part) for part in parts])[:-1])
+                for number, *new in zip(asking, parts, outputs):
+                    old = records[number][function.name]
+                    records[number][function.name] = (np.vstack([old[0], new[0]]), np.vstack([old[1], new[1]]))
         return None
 
 
