@@ -37,7 +37,7 @@ _whole = Recipe()
 
 
 @dataclass(frozen=True)
-class Place:
+class ComparisonSite:
     """Where a comparison stands, before anything was inlined."""
 
     line: int | None = None  # of the student's file
@@ -56,7 +56,7 @@ class CppRunner:
         self.plugin: Plugin | None = None
         self.environment: dict[str, str] = {}  # of what is evaluated
         self.warnings = ""  # of the compiler, about the student's lines
-        self._places: dict[int, Place] = {}  # by site
+        self._places: dict[int, ComparisonSite] = {}  # by site
         self._missing: dict[str, str] = {}  # functions that the file lacks, and what is said of each
 
     def build(self, folder: Path) -> None:
@@ -130,7 +130,7 @@ class CppRunner:
         if trace is None:
             return None
         self._locate([int(site) for site in trace.sites if int(site) not in self._places])
-        places = [self._places.get(int(site), Place()) for site in trace.sites]
+        places = [self._places.get(int(site), ComparisonSite()) for site in trace.sites]
         others = {f.name for f in self.assignment.functions if f.graded} - {task.function.name}
         own = np.array([not (p.inside_mathematics or p.function in others) for p in places], bool)
         lines = {
@@ -150,7 +150,7 @@ class CppRunner:
             # The student's file, where it was compiled, and not a given one.
             line = re.search(r"/build-[0-9a-f]+/shading\.cpp:(\d{1,9})\b", place)
             function = re.match(rf"_ZZ?\d+({names})[A-Z]", mangled)
-            self._places[site] = Place(
+            self._places[site] = ComparisonSite(
                 int(line[1]) if line else None,
                 function[1] if function else "",
                 "/math.hpp:" in place,

@@ -2,13 +2,22 @@
 moves."""
 
 import ast
+import hashlib
+import json
 import re
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from shadelab.errors import InfrastructureError
-from shadelab.paths import PACKAGE
+from shadelab.files import write_whole
+from shadelab.paths import PACKAGE, STATE
 from shadelab.sources import syntax_of
+
+# To read a hundred files as syntax takes a quarter of a second, of every command: what each names is remembered by its text.
+REMEMBERED = STATE / "cache" / "imports.json"
+MOST = 2000  # files
 
 
 def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:
@@ -18,7 +27,7 @@ def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:
     `roots`: dotted names, "shadelab.machine.build". A program that a module starts is named in a string there ("-m",
     "shadelab.gl.client"). Raises InfrastructureError for a name that has no file."""
     found: dict[str, Path] = {}
-    pending = list(roots)
+    before, pending = len(_remembered()), list(roots)
     while pending:
         name = pending.pop()
         if name in found:
@@ -30,6 +39,10 @@ def import_closure(*roots: str, package: Path = PACKAGE) -> list[Path]:
         if "." in name:  # importing a module runs the packages that it stands in
             pending.append(name.rpartition(".")[0])
         pending += _named(file, package)
+    if len(known := _remembered()) > before:
+        with suppress(OSError):  # a checkout that cannot be written to reads them again
+            REMEMBERED.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(REMEMBERED, json.dumps(dict(list(known.items())[-MOST:])))
     return sorted(found.values())
 
 
@@ -39,17 +52,34 @@ def _file(name: str, package: Path) -> Path | None:
     return next((file for file in candidates if file.is_file()), None)
 
 
+@cache
+def _remembered() -> dict[str, list[str]]:
+    """What files name, by a digest of their text."""
+    try:
+        return dict(json.loads(REMEMBERED.read_text()))
+    except (OSError, ValueError):
+        return {}
+
+
 def _named(file: Path, package: Path) -> Iterator[str]:
     """The modules of the package that a file names, also inside of functions and for type checkers alone."""
-    module = re.compile(rf"{package.name}(\.[a-z_]\w*)*")
+    key = hashlib.sha256(package.name.encode() + b"\0" + file.read_bytes()).hexdigest()
+    known = _remembered()
+    if key not in known:
+        known[key] = list(dict.fromkeys(_read(file, package.name)))
+    # What is imported from a package may be a module of it, or a name in one.
+    return (name.lstrip("?") for name in known[key] if not name.startswith("?") or _file(name[1:], package))
+
+
+def _read(file: Path, package: str) -> Iterator[str]:
+    """The same; with a question mark in front what may be a name in a module."""
+    module = re.compile(rf"{package}(\.[a-z_]\w*)*")
     for node in ast.walk(syntax_of(file)):
         if isinstance(node, ast.ImportFrom) and node.level:
             raise InfrastructureError(f"{file}:{node.lineno}: imports relatively; the closure follows full names alone")
         if isinstance(node, ast.ImportFrom) and module.fullmatch(node.module):
             yield node.module
-            # What is imported from a package may be a module of it.
-            parts = (f"{node.module}.{alias.name}" for alias in node.names)
-            yield from (name for name in parts if _file(name, package))
+            yield from (f"?{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if module.fullmatch(alias.name))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
