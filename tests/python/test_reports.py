@@ -586,6 +586,14 @@ def test_what_comes_first(result: Result) -> None:
     assert "cut off" in wording.first_step(result)[0]
 
 
+def test_inputs_that_the_explanation_speaks_of_come_first() -> None:
+    one = check("cpp/function/f", "failed", 0, 1, message="wrong for 46 % of the inputs; only where n.h > 0.5")
+    one.mistake = Mistake(id="undeclared", hint="Your values are those with 4 times m.q in the place of m.q.", margin=9)
+    inputs = {"n": [0.0, 0.0, 1.0], "l": [1.0, 0.0, 0.0], "m.kd": [0.1, 0.2, 0.3], "m.q": 1.5, "m.qq": 2.0}
+    one.worst = Worst(inputs=inputs, expected=[1.0], actual=[2.0])
+    assert next(wording.worst_lines(one)).startswith("at n = (0, 0, 1), m.q = 1.5, l = ")
+
+
 def test_wrong_components_are_marked() -> None:
     def marks(expected: list, actual: list) -> list[bool]:
         one = check("cpp/function/f", "failed", 0, 1, error=Error(name="scaled", value=1, limit=1e-3))

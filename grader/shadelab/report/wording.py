@@ -69,12 +69,18 @@ def compared_values(
 
 
 def worst_lines(check: Check) -> Iterator[str]:
-    """The input in one line, the result in another: all of a vector, the wrong components of anything larger."""
-    inputs = (f"{plain(name)} = {in_brackets(value)}" for name, value in check.worst.inputs.items())
-    if check.worst.inputs:
-        yield "at " + ", ".join(inputs)
+    """The input in one line, the result in another: all of a vector, the wrong components of anything larger. Lines are cut, so
+    that the inputs come first that the explanation speaks of."""
+    told = f"{check.message} {check.mistake.hint if check.mistake else ''}"
+    named = sorted(check.worst.inputs.items(), key=lambda item: not _speaks_of(told, item[0]))
+    if named:
+        yield "at " + ", ".join(f"{plain(name)} = {in_brackets(value)}" for name, value in named)
     if rows := compared(check):
         yield compared_line(rows)
+
+
+def _speaks_of(told: str, name: str) -> bool:
+    return re.search(rf"(?<![\w.]){re.escape(name)}(?!\w)", told) is not None
 
 
 def compared_line(rows: list[tuple[str, Any, Any, bool]], digits: int = 6) -> str:
