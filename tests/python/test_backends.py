@@ -53,7 +53,10 @@ def images(tmp_path_factory):
     return draw
 
 
-@pytest.mark.parametrize("assignment", ASSIGNMENTS, ids=lambda a: a.name)
+@pytest.mark.parametrize(
+    "assignment",
+    [pytest.param(a, id=a.name, marks=[] if a.name == "lights" else [pytest.mark.slow]) for a in ASSIGNMENTS],
+)
 def test_cpp_and_glsl_agree_on_every_scene(assignment, tmp_path):
     scenes = [s for s in assignment.scenes if not s.missing_meshes()]
     tasks = []

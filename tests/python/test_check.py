@@ -226,7 +226,9 @@ def test_other_names_are_no_other_code(tmp_path):
     assert object_code(PHONG, solution, tmp_path) == object_code(PHONG, re.sub(r"\bsum\b", "total", solution), tmp_path)
 
 
-@pytest.mark.parametrize("name", assignment_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n == "lights" else [pytest.mark.slow]) for n in assignment_names()]
+)
 def test_no_two_variants_share_an_expression_tree(name, tmp_path):
     assignment = load_assignment(ROOT / "solution" / name)
     source = assignment.directory / "shading.cpp"

@@ -31,7 +31,7 @@ SINGLE = {
         "schlick-first-power", "dielectric-sum-of-both", "beckmann-over-pi", "geometry-two-forgotten", "cook-torrance-no-shadowing",
     ],
 }  # fmt: skip
-QUICK = {"phong-diffuse-a-hair-bright"}
+QUICK = {"spot-opening-angles"}
 
 
 def mistake(name, id):

@@ -354,7 +354,11 @@ def test_endless_loop_in_glsl(grade, submission):
         ("    raise(40);\n", "crashed with signal 40"),
         ('    std::system("rm -rf ./* ; mkfifo results.bin"); std::_Exit(0);\n', "without giving its results"),
         ('    throw std::runtime_error("no");\n', "SIGABRT"),
-        ("    std::string s;\n    while (s.size() >= 0) s += std::string(1 << 26, 'x');\n", "phong_lobe"),
+        pytest.param(
+            "    std::string s;\n    while (s.size() >= 0) s += std::string(1 << 26, 'x');\n",
+            "phong_lobe",
+            marks=pytest.mark.slow,
+        ),
         ('    while (true) std::cout << "spam spam spam spam\\n";\n', "phong_lobe"),
     ],
     ids=["crash", "exit", "signal", "vandal", "exception", "memory", "printing"],
@@ -443,6 +447,7 @@ def test_bad_usage_is_one_line_and_exit_2(shadelab, arguments, words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_scene_without_its_mesh_is_skipped_and_costs_nothing(tmp_path):
     """The scanned mesh is fetched at set-up and may be absent: the scene is skipped with a clear message."""
     from shadelab.grading.grade import grade

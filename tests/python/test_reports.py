@@ -431,7 +431,7 @@ def test_the_page_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert len(page.all("img")) == 24
 
 
-@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("noise", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_report_of_wrong_pictures_stays_below_four_megabytes(tmp_path: Path, noise: float) -> None:
     """Fourteen scenes in two languages, all wrong, as large as those of assignments; or noise, which nothing packs."""
     write_html(*failing(tmp_path, 14, 400, noise), tmp_path / "report.html", "All wrong")

@@ -24,7 +24,7 @@ from shadelab.truth.expected import CHANNELS
 # and flat normals.
 SCENES = ["phong/teapot", "phong/spots", "phong/interpolation", "microfacet/metals", "lights/studio"]
 # Each assignment is compiled once per level, where the plugin is not known yet: the microfacet models for ten seconds each.
-PARAMETERS = [pytest.param(s, marks=pytest.mark.slow if s.startswith("microfacet/") else ()) for s in SCENES]
+PARAMETERS = [pytest.param(s, marks=() if s.startswith("lights/") else pytest.mark.slow) for s in SCENES]
 
 # The C library picks its code for exp, sin and their like by the processor, too: with fused multiply-add where it has one.
 WITHOUT_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}

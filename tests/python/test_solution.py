@@ -38,7 +38,13 @@ def test_double_build_agrees_with_50_digits(assignment, function):
     assert scaled_error(truth[chosen], exactly, function_members(function)).max() <= 1e-12
 
 
-@pytest.mark.parametrize("assignment", {a.name: a for a, _ in cases}.values(), ids=lambda a: a.name)
+@pytest.mark.parametrize(
+    "assignment",
+    [
+        pytest.param(a, id=a.name, marks=[] if a.name == "phong" else [pytest.mark.slow])
+        for a in {a.name: a for a, _ in cases}.values()
+    ],
+)
 def test_every_batch_loop_of_the_solution_vectorises(assignment, tmp_path):
     """Student-level code, inlined into the generated loops: one loop per model and light kind, each in 8 lanes of AVX2."""
     glue = glue_folder(assignment.directory)

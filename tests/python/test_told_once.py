@@ -2,6 +2,8 @@
 
 import shutil
 
+import pytest
+
 from conftest import ROOT
 from shadelab.report.wording import findings, told
 from shadelab.result import Check, Worst
@@ -49,6 +51,7 @@ def test_one_mistake_in_both_languages_is_one_finding_everywhere(shadelab, submi
     assert page.count("<article") == 2 and page.count("alike in both languages") == 2
 
 
+@pytest.mark.slow
 def test_a_language_that_was_not_begun_takes_a_line(shadelab, submission, tmp_path):
     folder = submission(cpp=FORGOTTEN)
     shutil.copy(ROOT / "starter/phong/shading.glsl", folder)
