@@ -50,7 +50,7 @@ _as_argument = {
 
 @dataclass(frozen=True)
 class Mutant:
-    id: str  # "phong_lobe: <= -> < in if (dot(n, l) <= 0.0) return 0.0;"
+    id: str  # "phong_lobe: <= -> < in if (c <= limit) return less;"
     function: str
     body: str
     words: str = ""  # "with n.v in the place of n.l": after "as those of the reference"
@@ -354,6 +354,9 @@ class _Breeder:
                     left = "".join(f" {sign} ({text})" for sign, text in zip(signs, texts) if sign)
                     said = f"with {words[i]} {one} and {words[j]} {two}"
                     yield self._slip(f"{said}", node, f"({left.lstrip(' +') or '0.0'})", said)
+        for (_, term), text, word in zip(terms, texts, words) if len(terms) > 1 and self._type(node) == "Real" else ():
+            if word and term.kind == "binary":
+                yield self._slip(f"{word} squared", term, f"(({text}) * ({text}))", f"with {word} squared")
         roots = [self._root(t) for _, t in terms]
         if len(terms) == 2 and all(roots):
             total = f"({roots[0]} {terms[1][0]} {roots[1]})"

@@ -352,7 +352,9 @@ class _Search:
                 at = c.rows.astype(int)  # where it differs from the truth
                 here = everywhere.on(at)
                 rows_explained = here.explained(c.output.astype(np.float64))
-                if rows_explained.mean() > MOSTLY:  # else the student is right where this is not
+                # Else the student is right where this is not; and nothing and nothing are alike for any reason.
+                something = here.shows()
+                if min(rows_explained.mean(), rows_explained[something].mean() if something.any() else 1.0) > MOSTLY:
                     explained = np.zeros(len(self.actual), bool)
                     explained[at] = rows_explained
                     offers.append(Explanation(f"those of the reference {c.words}", explained & left, 0, c))
@@ -478,13 +480,17 @@ def _plainest(found: list[Explanation]) -> Explanation | None:
     near = [e for e in found if e.margin * MARGIN > least]
     first, *others = sorted(near, key=lambda e: (e.plain, -e.margin))
     other = next(
-        (e for e in others if e.plain == first.plain and e.words != first.words and e.left <= first.left), None
+        (e for e in others if e.plain == first.plain and not _says_the_same(e, first) and e.left <= first.left), None
     )
     if other is not None:
         first.words = f"{first.words}, or {other.words}"
     worse = [e.margin for e in found if e.margin * MARGIN <= least]
     first.margin = min([first.margin, *(first.margin / m for m in worse)])
     return first
+
+
+def _says_the_same(one: Explanation, other: Explanation) -> bool:
+    return one.words in other.words or other.words in one.words
 
 
 def _times(words: str) -> str:

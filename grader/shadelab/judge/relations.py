@@ -106,6 +106,11 @@ class Compared:
         other.inner = {name: values[rows] for name, values in self.inner.items()}
         return other
 
+    def shows(self) -> np.ndarray:
+        """(K,) bool: the rows on which something came."""
+        least = [10 * self.tolerance * SMALL * self.scales[m.start] for m in self.members]
+        return np.any([(np.abs(self.actual[:, m]) > s).any(axis=1) for m, s in zip(self.members, least)], axis=0)
+
     def explained(self, output: np.ndarray) -> np.ndarray:
         """(..., K, results) -> (..., K) bool: the rows where `output` is what came."""
         alike = np.ones(output.shape[:-1], bool)
@@ -498,6 +503,19 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
                     factor = (slope * everything[name] + start) ** inverse
                     verb = "times" if inverse == 1 else "divided by"
                     yield f"{verb} {_straight(slope, start, name)}", values(factor), 3
+        for name, x in flat.items():
+            if (r > 0).mean() > 0.95 and name in spread:  # what a medium lets through: exp(-r)
+                here = r > 0
+                rate, start = np.polyfit(x[here], np.log(r[here]), 1)
+                near = np.abs(rate * x[here] + start - np.log(r[here])) <= 3 * compared.tolerance + 1e-4 * np.abs(
+                    rate * x[here]
+                )
+                if near.mean() > 0.9 and abs(rate) * np.ptp(x) > 0.5:
+                    constant = "" if abs(start) < 1e-3 else f"{np.exp(start):.4g} "
+                    said = f"times {constant}exp({rate:.4g} {name})".replace("exp(1 ", "exp(").replace(
+                        "exp(-1 ", "exp(-"
+                    )
+                    yield said, values(np.exp(rate * everything[name] + start)), 3
         for name, x in flat.items():
             order = np.argsort(x)
             step = np.abs(np.diff(r[order])) / (np.abs(r[order][1:]) + 0.02 * np.abs(r).max())

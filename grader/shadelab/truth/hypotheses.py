@@ -125,7 +125,8 @@ class _Kept:
             return
         other = self.found[k]
         # A changed argument may do what a changed line does: both are told.
-        if k < self.transforms and other.words not in self.doubled and number_of_words(words) < LONG:
+        says_more = words not in other.words and other.words not in words
+        if k < self.transforms and says_more and other.words not in self.doubled and number_of_words(words) < LONG:
             self.doubled.add(f"{other.words}, or {words}")
             self.found[k] = replace(other, words=f"{other.words}, or {words}")
 
