@@ -55,6 +55,7 @@ def told(change):
         (lambda t, **_: t / np.pi, "Your values are 1/pi times what is expected."),
         (lambda t, **_: t * 1.0004, "Your values are 1.0004 times what is expected."),
         (lambda t, **_: np.sqrt(t), "Your values are the square root of what is expected."),
+        (lambda t, q, **_: t * np.exp(-0.1 * q.reshape(t.shape)), "Your values are what is expected times exp(-0.1 q)."),
         (lambda t, **_: 1 - t, "Your values are 1 minus what is expected."),
         (lambda t, n, l, **_: t * np.maximum(dot(n, l), 0)[:, None], "Your values are what is expected times n.l."),
         (lambda t, q, **_: t * ((q + 2) / 6.2831853)[:, None], "Your values are what is expected times 1/(2 pi) (q + 2)."),

@@ -504,12 +504,12 @@ def of_quantities(compared: Compared) -> Iterator[tuple[str, np.ndarray, int]]:
                     verb = "times" if inverse == 1 else "divided by"
                     yield f"{verb} {_straight(slope, start, name)}", values(factor), 3
         for name, x in flat.items():
-            if (r > 0).mean() > 0.95 and name in spread:  # what a medium lets through: exp(-r)
-                here = r > 0
-                rate, start = np.polyfit(x[here], np.log(r[here]), 1)
-                near = np.abs(rate * x[here] + start - np.log(r[here])) <= 3 * compared.tolerance + 1e-4 * np.abs(
-                    rate * x[here]
-                )
+            here = (r > 0) & np.isfinite(r)
+            if here.mean() > 0.95 and name in spread:  # what a medium lets through: exp(-r)
+                along, y = x[here] - x[here].mean(), np.log(r[here])
+                rate = (along @ y) / (along @ along)
+                start = y.mean() - rate * x[here].mean()
+                near = np.abs(rate * x[here] + start - y) <= 3 * compared.tolerance + 1e-4 * np.abs(rate * x[here])
                 if near.mean() > 0.9 and abs(rate) * np.ptp(x) > 0.5:
                     constant = "" if abs(start) < 1e-3 else f"{np.exp(start):.4g} "
                     said = f"times {constant}exp({rate:.4g} {name})".replace("exp(1 ", "exp(").replace(

@@ -124,11 +124,13 @@ class _Kept:
             self.found.append(one)
             return
         other = self.found[k]
-        # A changed argument may do what a changed line does: both are told.
-        says_more = words not in other.words and other.words not in words
-        if k < self.transforms and says_more and other.words not in self.doubled and number_of_words(words) < LONG:
-            self.doubled.add(f"{other.words}, or {words}")
-            self.found[k] = replace(other, words=f"{other.words}, or {words}")
+        # A changed argument may do what a changed line does: both are told, or the one that says what the other does and more.
+        if k < self.transforms and other.words not in self.doubled and number_of_words(words) < LONG:
+            if words in other.words:
+                return
+            both = words if other.words in words else f"{other.words}, or {words}"
+            self.doubled.add(both)
+            self.found[k] = replace(other, words=both)
 
     def _same(self, one: Hypothesis, alike: list[int]) -> int | None:
         """The first of them that gives the same."""
