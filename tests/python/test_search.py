@@ -137,6 +137,19 @@ def test_conditions_are_found_in_one_quantity():
     assert place_of(LOBE, rows, truth, np.ones(len(rows), bool)) is None
 
 
+def test_nothing_and_nothing_are_alike_for_any_reason():
+    """A lobe around the half vector of n and l is next to nothing nearly everywhere, as what other mistakes give is."""
+    expected, function = load(PHONG), PHONG.function("blinn_lobe")
+    table = expected.table(function)
+    a = values(function, table.rows)
+    half = a["n"] + a["l"]
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
+    came = np.where(dot(a["n"], a["l"]) > 0, np.maximum(dot(half, a["v"]), 0) ** a["q"].ravel(), 0)[:, None]
+    judgement = judge_function(function, "cpp", 1.0, table, expected.floor(function, "cpp"), came.astype(np.float32))
+    found = diagnose_by_search(Patient(function, judgement, came, [], hypotheses(expected, function), {}))
+    assert found is None or "in the place of" not in " ".join([found.mistake.hint, *found.others])
+
+
 # ------------------------------------------------------------------------- every sentence about a declared mistake
 
 
