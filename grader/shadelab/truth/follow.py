@@ -78,14 +78,15 @@ class FollowedSolution:
             if not asking:
                 return [answers[number].array for number in range(len(questions))]
             for function in callees:
+                # Each is there once for each of the questions; to find those of several takes longer than to ask again.
                 parts = [answers[number].missing[function.name] for number in asking]
-                arguments, places = np.unique(np.vstack(parts), axis=0, return_inverse=True)
+                arguments = np.vstack(parts)
                 if not len(arguments):
                     continue
                 came = yield Evaluate(function, arguments)
                 if came.array is None:
                     return None
-                outputs = np.split(came.array[places.reshape(-1)], np.cumsum([len(part) for part in parts])[:-1])
+                outputs = np.split(came.array, np.cumsum([len(part) for part in parts])[:-1])
                 for number, *new in zip(asking, parts, outputs):
                     old = records[number][function.name]
                     records[number][function.name] = (np.vstack([old[0], new[0]]), np.vstack([old[1], new[1]]))
