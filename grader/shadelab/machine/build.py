@@ -133,9 +133,11 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
     flags = recipe.flags()
     digest = hashlib.sha256("\0".join(flags).encode() + str(glue).encode() + source.read_bytes()).hexdigest()[:32]
     cached, said = (STATE / "plugins" / f"{digest}{suffix}" for suffix in (".so", ".txt"))
-    if cached.exists():
-        os.utime(cached)
-        return Plugin(cached, recipe.double, said.read_text() if said.exists() else "")
+    with suppress(FileNotFoundError):  # one without the other is half thrown away
+        warnings = said.read_text()
+        for file in (said, cached):
+            os.utime(file)  # its age counts from the last use
+        return Plugin(cached, recipe.double, warnings)
     _precompile(glue, recipe, sandbox)
     work = sandbox.folder / f"build-{digest}"
     shutil.rmtree(work, ignore_errors=True)
@@ -150,12 +152,11 @@ def build_plugin(glue: Path, source: Path, sandbox: Sandbox, recipe: Recipe = Re
         raise CompileError(outcome.stderr, outcome.explain(COMPILE_LIMITS))
     cached.parent.mkdir(parents=True, exist_ok=True)
     temporary = cached.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
-    if outcome.stderr:  # before the plugin: who finds that one finds this, too
-        temporary.write_text(outcome.stderr)
-        os.replace(temporary, said)
+    temporary.write_text(outcome.stderr)
+    os.replace(temporary, said)
     shutil.copy(work / "plugin.so", temporary)
     os.replace(temporary, cached)
-    for old in by_age(cached.parent)[:-PLUGINS_KEPT]:
+    for old in by_age(cached.parent)[: -2 * PLUGINS_KEPT]:
         old.unlink(missing_ok=True)
     shutil.rmtree(work)
     return Plugin(cached, recipe.double, outcome.stderr)
