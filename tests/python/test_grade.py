@@ -258,6 +258,18 @@ def test_a_missing_return_does_not_compile(grade, submission):
     )
 
 
+def test_warnings_are_told_again_when_their_file_was_thrown_away(grade, submission):
+    from shadelab.paths import STATE
+
+    folder = submission(cpp={MIRROR: "    dot(n, l) == 0.5;\n    return n;"})
+    first = grade(folder, only="cpp/function/mirror_direction")["by_id"]["cpp/build"]
+    for file in (STATE / "plugins").glob("*.txt"):
+        if file.stat().st_size and time.time() - file.stat().st_mtime < 60:
+            file.unlink()
+    again = grade(folder, only="cpp/function/mirror_direction")["by_id"]["cpp/build"]
+    assert "value computed is not used" in first["message"] and again["message"] == first["message"]
+
+
 @pytest.mark.parametrize(
     "body, warned, told",
     [
